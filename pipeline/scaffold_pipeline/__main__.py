@@ -1,0 +1,7 @@
+"""`python -m scaffold_pipeline` is the command `scaffold-pipeline`."""
+
+import sys
+
+from scaffold_pipeline.cli import main
+
+sys.exit(main())

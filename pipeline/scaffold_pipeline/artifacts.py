@@ -1,0 +1,335 @@
+"""The values that stages hand to each other: frozen, checked once when made, their arrays locked.
+
+Lengths are mm, axes are those of the input file. A mesh's triangles are counter-clockwise seen from outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.cell_types import CELL_TYPES, cell_volumes
+from scaffold_pipeline.errors import StageError
+
+Fact: TypeAlias = str | int | float | bool | None
+"""What a summary, a record or `metrics.json` may hold under one key."""
+
+Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Artifact:
+    """Base of what a slot can hold. Fields are arrays, facts, tuples of facts, or artifacts."""
+
+    def __post_init__(self) -> None:
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)
+
+    def summary(self) -> dict[str, Fact]:
+        """Return the facts of this value that belong into a report."""
+        return {}
+
+    def _own(self, name: str, dtype: type, shape: tuple[int | None, ...]) -> None:
+        """Replace field `name` by a contiguous array of `dtype`, after checking its shape and finiteness."""
+        given = np.asarray(getattr(self, name))
+        if given.ndim != len(shape) or any(want not in {None, got} for want, got in zip(shape, given.shape, strict=True)):
+            wanted = tuple("n" if want is None else want for want in shape)
+            raise StageError(f"{type(self).__name__}.{name}: must have shape {wanted}, got {given.shape}")
+        if given.dtype.kind not in "biuf" or (np.dtype(dtype).kind == "i" and given.dtype.kind == "f"):
+            raise StageError(f"{type(self).__name__}.{name}: must hold {dtype.__name__}, got {given.dtype}")
+        if given.dtype.kind == "f" and not np.isfinite(given).all():
+            bad = int(np.count_nonzero(~np.isfinite(given)))
+            raise StageError(f"{type(self).__name__}.{name}: must be finite, but {bad} values are NaN or infinite")
+        owned = np.array(given, dtype=dtype, order="C", copy=given.flags.writeable or not given.flags.c_contiguous)
+        object.__setattr__(self, name, owned)
+
+
+def _require_indices(owner: str, name: str, indices: Ints, count: int) -> None:
+    if indices.size and not (0 <= indices.min() and indices.max() < count):
+        raise StageError(f"{owner}.{name}: indices must lie in 0..{count - 1}, got {indices.min()}..{indices.max()}")
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMesh(Artifact):
+    """A triangle mesh: `vertices` (n, 3) mm, `faces` (m, 3) corner indices, normals outward by the right hand."""
+
+    vertices: Floats
+    faces: Ints
+
+    def __post_init__(self) -> None:
+        self._own("vertices", np.float64, (None, 3))
+        self._own("faces", np.int64, (None, 3))
+        _require_indices("SurfaceMesh", "faces", self.faces, len(self.vertices))
+        super().__post_init__()
+
+    @property
+    def volume(self) -> float:
+        """Signed volume, mm^3: positive for a closed surface whose normals point outwards."""
+        a, b, c = np.moveaxis(self.vertices[self.faces] - self._origin(), 1, 0)
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+    @property
+    def area(self) -> float:
+        """Area, mm^2."""
+        a, b, c = np.moveaxis(self.vertices[self.faces], 1, 0)
+        return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2.0)
+
+    @property
+    def bounds(self) -> Floats:
+        """Least and greatest corner of the axis-aligned bounding box, (2, 3) mm."""
+        return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
+
+    def _origin(self) -> Floats:
+        """Return a point amid the vertices: far from the file's origin, sums about it keep their digits."""
+        return self.bounds.mean(axis=0) if len(self.vertices) else np.zeros(3)
+
+    def summary(self) -> dict[str, Fact]:
+        """Return counts, volume, area and size."""
+        size = np.ptp(self.vertices, axis=0) if len(self.vertices) else np.zeros(3)
+        return {
+            "vertices": len(self.vertices),
+            "triangles": len(self.faces),
+            "volume_mm3": self.volume,
+            "area_mm2": self.area,
+            **{f"size_{axis}": float(length) for axis, length in zip("xyz", size, strict=True)},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class OuterShape(SurfaceMesh):
+    """The anatomical outer shape: a closed, outward surface, with the notes of what was done to make it so."""
+
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.volume <= 0.0:
+            raise StageError(f"OuterShape: must enclose a positive volume, got {self.volume:.6g} mm^3")
+
+    def summary(self) -> dict[str, Fact]:
+        """Return the surface's facts and the notes."""
+        return {**super().summary(), "notes": "; ".join(self.notes)}
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeMesh(Artifact):
+    """Cells of one or more kinds over shared vertices.
+
+    `vertices` (n, 3) mm; one array of corner indices for each cell kind, in VTK's order: `tetrahedra` (m, 4),
+    `pyramids` (m, 5), `wedges` (m, 6), `hexahedra` (m, 8). Every cell has a positive volume and every vertex
+    belongs to a cell. `facts` are what the maker measured.
+    """
+
+    vertices: Floats
+    tetrahedra: Ints = field(default_factory=lambda: np.empty((0, 4), np.int64))
+    pyramids: Ints = field(default_factory=lambda: np.empty((0, 5), np.int64))
+    wedges: Ints = field(default_factory=lambda: np.empty((0, 6), np.int64))
+    hexahedra: Ints = field(default_factory=lambda: np.empty((0, 8), np.int64))
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._own("vertices", np.float64, (None, 3))
+        used = np.zeros(len(self.vertices), dtype=bool)
+        for name, kind in self._kinds().items():
+            self._own(name, np.int64, (None, CELL_TYPES[kind].corners))
+            cells = getattr(self, name)
+            _require_indices("VolumeMesh", name, cells, len(self.vertices))
+            used[cells] = True
+            volumes = cell_volumes(self.vertices, cells, kind)
+            if (volumes <= 0.0).any():
+                raise StageError(
+                    f"VolumeMesh.{name}: every cell must have a positive volume, but {int((volumes <= 0.0).sum())} "
+                    f"of {len(cells)} do not (the first is cell {int(np.argmax(volumes <= 0.0))})"
+                )
+        if not used.any():
+            raise StageError("VolumeMesh: must have at least one cell, got none")
+        if not used.all():
+            raise StageError(f"VolumeMesh.vertices: every vertex must belong to a cell, {int((~used).sum())} do not")
+        super().__post_init__()
+
+    @staticmethod
+    def _kinds() -> dict[str, str]:
+        return {"tetrahedra": "tetrahedron", "pyramids": "pyramid", "wedges": "wedge", "hexahedra": "hexahedron"}
+
+    @property
+    def cells(self) -> dict[str, Ints]:
+        """The corner indices of each cell kind that the mesh has, keyed by the names of `CELL_TYPES`."""
+        return {kind: getattr(self, name) for name, kind in self._kinds().items() if len(getattr(self, name))}
+
+    @property
+    def edges(self) -> Ints:
+        """Every edge once, (k, 2), smaller index first, sorted."""
+        ends = [cells[:, pair] for kind, cells in self.cells.items() for pair in CELL_TYPES[kind].edges]
+        return np.unique(np.sort(np.concatenate(ends), axis=1), axis=0)
+
+    @property
+    def volume(self) -> float:
+        """Volume of all cells, mm^3."""
+        return sum(float(cell_volumes(self.vertices, cells, kind).sum()) for kind, cells in self.cells.items())
+
+    def summary(self) -> dict[str, Fact]:
+        """Return counts, volume and the spread of edge lengths."""
+        ends = self.vertices[self.edges]
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        low, high = np.percentile(lengths, [5, 95])
+        return {
+            "vertices": len(self.vertices),
+            "cells": sum(len(cells) for cells in self.cells.values()),
+            "volume_mm3": self.volume,
+            "edge_length_mean": float(lengths.mean()),
+            "edge_length_p5": float(low),
+            "edge_length_p95": float(high),
+            **self.facts,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate(Artifact):
+    """What a field promises of connectivity before any voxel is computed (sampled along each segment).
+
+    `channel_maxima` (n,) greatest s on each channel, `strut_minima` (m,) least s on each mesh edge.
+    """
+
+    channel_maxima: Floats
+    strut_minima: Floats
+
+    def __post_init__(self) -> None:
+        self._own("channel_maxima", np.float64, (None,))
+        self._own("strut_minima", np.float64, (None,))
+        super().__post_init__()
+
+    @property
+    def channel_max(self) -> float:
+        """Greatest s on any channel: every pore is joined to its neighbours at an iso above it."""
+        return float(self.channel_maxima.max())
+
+    @property
+    def strut_min(self) -> float:
+        """Least s on any strut: every strut is whole at an iso below it."""
+        return float(self.strut_minima.min())
+
+    def at(self, iso: float) -> dict[str, Fact]:
+        """Return the window and how many channels are closed and struts broken at `iso`."""
+        return {
+            "channel_max": self.channel_max,
+            "strut_min": self.strut_min,
+            "channels": len(self.channel_maxima),
+            "channels_closed": int((self.channel_maxima >= iso).sum()),
+            "struts": len(self.strut_minima),
+            "struts_broken": int((self.strut_minima <= iso).sum()),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class ScalarField(Artifact):
+    """A field on a regular grid: solid where it is above the iso-value, void elsewhere.
+
+    `values` (nx, ny, nz) float32, value [i, j, k] at `origin + spacing * (i, j, k)` mm; `origin` (3,) mm;
+    `spacing` mm, the same along all axes. `facts` are what the maker measured.
+    """
+
+    values: NDArray[np.float32]
+    origin: Floats
+    spacing: float
+    certificate: Certificate | None = None
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._own("values", np.float32, (None, None, None))
+        self._own("origin", np.float64, (3,))
+        if not 0.0 < self.spacing < np.inf:
+            raise StageError(f"ScalarField.spacing: must be a positive length, got {self.spacing}")
+        if min(self.values.shape) < 2:  # noqa: PLR2004 - a cube of the grid has two samples along each axis
+            raise StageError(f"ScalarField.values: needs two samples along each axis, got {self.values.shape}")
+        super().__post_init__()
+
+    def summary(self) -> dict[str, Fact]:
+        """Return the grid's size, the range of values and the certificate's window."""
+        window = self.certificate and {
+            "channel_max": self.certificate.channel_max,
+            "strut_min": self.certificate.strut_min,
+        }
+        return {
+            "voxels": int(self.values.size),
+            "voxel_size": self.spacing,
+            "grid": " x ".join(map(str, self.values.shape)),
+            "least_value": float(self.values.min()),
+            "greatest_value": float(self.values.max()),
+            **(window or {}),
+            **self.facts,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class IsoSurface(SurfaceMesh):
+    """The surface between solid and void, not yet clipped to the outer shape.
+
+    `iso` is the value used; `porosity_requested` the porosity it was solved for, or None; `skin` the shell
+    in mm that was counted as solid in solving; `facts` what was done to the surface since.
+    """
+
+    iso: float = 0.0
+    porosity_requested: float | None = None
+    skin: float = 0.0
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, Fact]:
+        """Return the surface's facts, the iso-value and what was removed."""
+        asked = {"porosity_requested": self.porosity_requested}
+        return {**super().summary(), "iso": self.iso, **asked, **self.facts}
+
+
+@dataclass(frozen=True, eq=False)
+class Solid(SurfaceMesh):
+    """The printable solid, its coordinates exact in float32 so that no file rounds them further.
+
+    `pore_volumes` (k,) mm^3 is the volume of each connected piece of the pore space within the outer shape,
+    greatest first; `facts` what the clip did.
+    """
+
+    pore_volumes: Floats = field(default_factory=lambda: np.empty(0))
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self._own("pore_volumes", np.float64, (None,))
+        super().__post_init__()
+        if not len(self.faces) or self.volume <= 0.0:
+            raise StageError(
+                f"Solid: must enclose a positive volume, got {len(self.faces)} triangles of {self.volume:.6g} mm^3; "
+                "choose a lower porosity or iso"
+            )
+
+    def summary(self) -> dict[str, Fact]:
+        """Return the surface's facts and what the clip did."""
+        return {**super().summary(), "pore_pieces": len(self.pore_volumes), **self.facts}
+
+
+@dataclass(frozen=True, eq=False)
+class Metrics(Artifact):
+    """What was measured on the finished solid, and the quality gates that it failed, one line a gate."""
+
+    values: Mapping[str, Fact]
+    failed_gates: tuple[str, ...] = ()
+
+    def summary(self) -> dict[str, Fact]:
+        """Return the metrics and the verdict."""
+        return {**self.values, "quality": "; ".join(self.failed_gates) or "pass"}
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenSolid(Artifact):
+    """The files that were written of a solid: what each held when it was read back."""
+
+    facts: Mapping[str, Fact]
+
+    def summary(self) -> dict[str, Fact]:
+        """Return the facts of each file."""
+        return dict(self.facts)
+

@@ -1,0 +1,179 @@
+"""What a stage is: a plain typed function, the slots it reads and writes, and the parameters it takes.
+
+    class JitterParams(Params):
+        amount: Annotated[float, Unit("mean edge lengths")] = Field(default=0.2, ge=0.0, lt=0.5)
+
+    @stage(writes="mesh", version=1)
+    def jitter(mesh: VolumeMesh, *, params: JitterParams, rng: np.random.Generator) -> VolumeMesh: ...
+
+The names of the positional arguments are the slots read, their annotations the types; `X | None = None` reads
+a slot that may be absent. Three keyword arguments are the engine's: `params`; `rng`, present where the stage is
+random; `out`, a folder, present where the stage writes files.
+"""
+
+from __future__ import annotations
+
+import inspect
+import typing
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationInfo
+
+from scaffold_pipeline.artifacts import Artifact
+from scaffold_pipeline.errors import StageDefinitionError
+
+_DECLARATION = "__scaffold_stage__"
+_ENGINE_ARGUMENTS = frozenset({"params", "rng", "out"})
+
+StageFunction = TypeVar("StageFunction", bound=Callable[..., Artifact])
+
+
+@dataclass(frozen=True)
+class Unit:
+    """The unit of a parameter, for people: `Annotated[float, Unit("mm")]`."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Follows:
+    """A parameter that, left out, takes the value given to another stage's: `Follows("intersect_outer", "skin")`."""
+
+    stage: str
+    parameter: str
+
+
+Millimetres = Annotated[float, Unit("mm")]
+Share = Annotated[float, Unit("share of 1")]
+
+
+def _resolve_input_file(path: Path, info: ValidationInfo) -> Path:
+    """Resolve `path` against the folder of its configuration and require that a file is there."""
+    base = (info.context or {}).get("base", Path())
+    resolved = Path(base, path.expanduser()).resolve()
+    if resolved.is_dir():
+        raise ValueError(f"must be a file, but {resolved} is a directory")
+    if not resolved.is_file():
+        raise ValueError(f"no such file: {resolved}; paths in a config are relative to the config")
+    return resolved
+
+
+@dataclass(frozen=True)
+class InputFileMark:
+    """Marks a parameter as a file that the stage reads: its content, not its name, decides what is run again."""
+
+
+InputFile = Annotated[Path, AfterValidator(_resolve_input_file), InputFileMark()]
+
+
+class Params(BaseModel):
+    """Base of every stage's parameters: frozen, nothing unknown, nothing infinite; docstrings describe fields."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+
+    @classmethod
+    def marked(cls, kind: type) -> dict[str, Any]:
+        """Return the marks of `kind` (`Unit`, `Follows`, `InputFileMark`) by the name of their field."""
+        return {
+            name: mark
+            for name, info in cls.model_fields.items()
+            for mark in info.metadata
+            if isinstance(mark, kind)
+        }
+
+
+@dataclass(frozen=True)
+class Read:
+    """A slot that a stage reads: the type it must hold, and whether the stage can do without it."""
+
+    type: type[Artifact]
+    optional: bool
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A checked stage: what the plan and the runner know of it."""
+
+    name: str
+    function: Callable[..., Artifact]
+    version: int
+    params: type[Params]
+    reads: dict[str, Read]
+    writes: str
+    output: type[Artifact]
+    is_random: bool
+    writes_files: bool
+
+    @property
+    def summary(self) -> str:
+        """The first line of the stage's docstring."""
+        return (inspect.getdoc(self.function) or "").partition("\n")[0]
+
+
+@dataclass(frozen=True)
+class _Declaration:
+    writes: str
+    version: int
+
+
+def stage(*, writes: str, version: int) -> Callable[[StageFunction], StageFunction]:
+    """Declare a function to be a stage that writes slot `writes`; it stays a plain callable function.
+
+    `version` is raised whenever the function may return something else for the same input: stored results of
+    other versions are then no longer used.
+    """
+
+    def declare(function: StageFunction) -> StageFunction:
+        setattr(function, _DECLARATION, _Declaration(writes, version))
+        return function
+
+    return declare
+
+
+def stage_from_function(name: str, function: object) -> Stage:
+    """Read the contract off a declared function; a `StageDefinitionError` names what does not keep it."""
+    declaration = getattr(function, _DECLARATION, None)
+    if declaration is None or not callable(function):
+        raise StageDefinitionError(f"stage {name!r}: {function!r} is not a function decorated with @stage(...)")
+    hints = _hints(name, function)
+    arguments = inspect.signature(function).parameters
+    params = hints.get("params")
+    if not (isinstance(params, type) and issubclass(params, Params)):
+        raise StageDefinitionError(f"stage {name!r}: needs a keyword argument `params` annotated with a Params class")
+    if not (isinstance(hints.get("return"), type) and issubclass(hints["return"], Artifact)):
+        raise StageDefinitionError(f"stage {name!r}: its return annotation must be an artifact type")
+    return Stage(
+        name=name,
+        function=function,
+        version=declaration.version,
+        params=params,
+        reads={argument: _read(name, argument, hints) for argument in arguments if argument not in _ENGINE_ARGUMENTS},
+        writes=declaration.writes,
+        output=hints["return"],
+        is_random="rng" in arguments,
+        writes_files="out" in arguments,
+    )
+
+
+def _hints(name: str, function: Callable[..., Any]) -> dict[str, Any]:
+    try:
+        return typing.get_type_hints(function)
+    except NameError as error:
+        raise StageDefinitionError(
+            f"stage {name!r}: an annotation cannot be resolved ({error}); import its type outside TYPE_CHECKING"
+        ) from error
+
+
+def _read(name: str, argument: str, hints: dict[str, Any]) -> Read:
+    hint = hints.get(argument)
+    is_union = isinstance(hint, UnionType) or typing.get_origin(hint) is typing.Union
+    members = [member for member in typing.get_args(hint) if member is not NoneType] if is_union else [hint]
+    if len(members) != 1 or not (isinstance(members[0], type) and issubclass(members[0], Artifact)):
+        raise StageDefinitionError(
+            f"stage {name!r}: argument {argument!r} must be annotated with an artifact type, got {hint!r}"
+        )
+    return Read(type=members[0], optional=is_union)

@@ -1,0 +1,63 @@
+"""Every failure a user can meet: one line a fault, with the place, the rule, the value and the remedy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class PipelineError(Exception):
+    """Base of all errors that are reported as a line instead of a traceback."""
+
+    exit_code = 1
+
+
+class StageError(PipelineError):
+    """A stage could not do its work on the values it was given."""
+
+
+class StageDefinitionError(PipelineError):
+    """A stage, ours or a plug-in's, does not keep the contract of `scaffold_pipeline.contract`."""
+
+
+@dataclass(frozen=True, order=True)
+class Fault:
+    """One fault of a configuration: `line` and `column` count from 1, 0 where there is no place in a file."""
+
+    line: int
+    column: int
+    message: str
+    source: str = ""
+
+    def __str__(self) -> str:
+        place = f"{self.source}:{self.line}:{self.column}" if self.line else self.source
+        return f"{place}: {self.message}" if place else self.message
+
+
+class ConfigError(PipelineError):
+    """A configuration or a plan that cannot run; holds every fault found, in the order of the file."""
+
+    exit_code = 2
+
+    def __init__(self, faults: Iterable[Fault]) -> None:
+        self.faults = tuple(sorted(set(faults)))
+        super().__init__("\n".join(str(fault) for fault in self.faults))
+
+
+class PipelineWarning(UserWarning):
+    """What a stage wants the user to know of a result that is still good; kept in the run record."""
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return `; did you mean 'x'?` for the known name nearest to `name`, or the list of what is known.
+
+    >>> did_you_mean("jiter", ["jitter", "measure"])
+    "; did you mean 'jitter'?"
+    """
+    choices = sorted(known)
+    near = get_close_matches(name, choices, n=1)
+    return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(choices) or 'none'}"

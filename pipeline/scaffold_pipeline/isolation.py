@@ -1,0 +1,92 @@
+"""Call a function in a child process whose crash or hang is survived.
+
+Native geometry libraries end the process or never return on some inputs. The child gets arrays and scalars as
+a file, works in a temporary folder, and answers with a file; its death is one `StageError`.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.errors import PipelineError, StageError
+
+Arrays = dict[str, NDArray[Any]]
+Scalars = dict[str, str | int | float | bool | None]
+
+
+def call_in_child(
+    function: Callable[..., Arrays], arrays: Arrays, scalars: Scalars, *, seconds: float, about: str
+) -> Arrays:
+    """Return `function(**arrays, **scalars)`, computed in a child process within `seconds`.
+
+    `function` is a module's top-level function that takes arrays and scalars by keyword and returns arrays.
+    `about` names the input and the remedy in the error that the child's death, an exception or the time-out
+    becomes (`StageError`).
+    """
+    with tempfile.TemporaryDirectory(prefix="scaffold-") as folder:
+        box = Path(folder)
+        np.savez(box / "request.npz", allow_pickle=False, **arrays)
+        request = {"module": function.__module__, "function": function.__qualname__, "scalars": scalars}
+        (box / "request.json").write_text(json.dumps(request))
+        code = _run_child(box, seconds, about)
+        failure = box / "error.txt"
+        if failure.exists():
+            raise StageError(f"{failure.read_text()}; {about}")
+        answer = box / "answer.npz"
+        if code != 0 or not answer.exists():
+            raise StageError(f"{request['module']} {_death(code)}{_last_words(box)}; {about}")
+        with np.load(answer, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+
+
+def _run_child(box: Path, seconds: float, about: str) -> int:
+    command = [sys.executable, "-m", __name__, str(box)]
+    with (box / "output.txt").open("wb") as output:
+        child = subprocess.Popen(command, cwd=box, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+        try:
+            return child.wait(timeout=seconds)
+        except subprocess.TimeoutExpired as error:
+            raise StageError(f"gave no result within {seconds:.0f} s; {about}") from error
+        finally:
+            child.kill()
+            child.wait()
+
+
+def _death(code: int) -> str:
+    if code < 0:
+        return f"was ended by {signal.Signals(-code).name}"
+    return f"ended with exit code {code}"
+
+
+def _last_words(box: Path) -> str:
+    lines = (box / "output.txt").read_text(errors="replace").strip().splitlines()
+    return f" ({lines[-1].strip()[:200]})" if lines else ""
+
+
+def _serve(box: Path) -> None:
+    """Do what the request in `box` asks for: the child's side."""
+    request = json.loads((box / "request.json").read_text())
+    function = getattr(import_module(request["module"]), request["function"])
+    with np.load(box / "request.npz", allow_pickle=False) as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    try:
+        answer = function(**arrays, **request["scalars"])
+    except PipelineError as error:
+        (box / "error.txt").write_text(str(error))
+    else:
+        np.savez(box / "answer.npz", allow_pickle=False, **answer)
+
+
+if __name__ == "__main__":
+    _serve(Path(sys.argv[1]))

@@ -1,0 +1,1 @@
+"""The stages that come with scaffold-pipeline: one module, one stage, one name in YAML."""
