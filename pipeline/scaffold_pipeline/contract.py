@@ -7,8 +7,8 @@
     def jitter(mesh: VolumeMesh, *, params: JitterParams, rng: np.random.Generator) -> VolumeMesh: ...
 
 The names of the positional arguments are the slots read, their annotations the types; `X | None = None` reads
-a slot that may be absent. Three keyword arguments are the engine's: `params`; `rng`, present where the stage is
-random; `out`, a folder, present where the stage writes files.
+a slot that may be absent. Keyword arguments are the engine's: `params`; `rng` where the stage is random; `out`, a
+folder, where the stage writes files; `config_hash` where its files name the configuration that they come from.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.errors import StageDefinitionError
 
 _DECLARATION = "__scaffold_stage__"
-_ENGINE_ARGUMENTS = frozenset({"params", "rng", "out"})
+_ENGINE_ARGUMENTS = frozenset({"params", "rng", "out", "config_hash"})
 
 StageFunction = TypeVar("StageFunction", bound=Callable[..., Artifact])
 
@@ -105,8 +105,7 @@ class Stage:
     reads: dict[str, Read]
     writes: str
     output: type[Artifact]
-    is_random: bool
-    writes_files: bool
+    engine_arguments: frozenset[str]
 
     @property
     def summary(self) -> str:
@@ -154,8 +153,7 @@ def stage_from_function(name: str, function: object) -> Stage:
         reads={argument: _read(name, argument, hints) for argument in arguments if argument not in _ENGINE_ARGUMENTS},
         writes=declaration.writes,
         output=hints["return"],
-        is_random="rng" in arguments,
-        writes_files="out" in arguments,
+        engine_arguments=_ENGINE_ARGUMENTS & set(arguments),
     )
 
 

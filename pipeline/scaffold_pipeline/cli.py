@@ -1,0 +1,222 @@
+"""The command `scaffold-pipeline`: arguments to calls.
+
+What only one command needs is imported inside it, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, CycloptsError, Parameter
+
+from scaffold_pipeline import __version__
+from scaffold_pipeline.errors import PipelineError
+
+if TYPE_CHECKING:
+    from scaffold_pipeline.artifacts import Fact
+    from scaffold_pipeline.plan import Plan
+
+INTERRUPTED = 130
+GATE_FAILED = 3
+USAGE = 2
+
+app = App(
+    name="scaffold-pipeline",
+    help="From an anatomical surface to a printable porous scaffold.",
+    help_epilogue=(
+        "Exit codes: 0 ok; 1 a stage failed; 2 configuration or usage; 3 a quality gate failed; 130 interrupted. "
+        "Every command takes --debug, which shows a traceback with an error."
+    ),
+    version=__version__,
+    default_parameter=Parameter(negative=()),
+    result_action="return_value",
+    suppress_keyboard_interrupt=False,
+)
+
+Settings = Annotated[list[str], Parameter(name="--set", help="Override a value: stage.key=value; may be repeated.")]
+Quiet = Annotated[bool, Parameter(help="Say nothing but errors.")]
+Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on standard output and nothing else.")]
+
+
+@app.command
+def run(
+    config: Path,
+    *,
+    out: Path | None = None,
+    settings: Settings = [],  # noqa: B006 - cyclopts reads it, nothing writes it
+    until: str | None = None,
+    force: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    dry_run: Annotated[bool, Parameter(name=["--dry-run", "-n"])] = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> int:
+    """Run one config; stages whose inputs and parameters are unchanged are not run again.
+
+    Parameters
+    ----------
+    config
+        The YAML file that says what to run.
+    out
+        Run directory; runs/NAME by default.
+    until
+        Stop after this stage; the run directory's files stay as they are.
+    force
+        Run all stages again, or those named here; give it after CONFIG.
+    dry_run
+        Print what would run, and run nothing.
+    """
+    from scaffold_pipeline import runner
+    from scaffold_pipeline.console import watch
+    from scaffold_pipeline.report.publish import publish, run_metrics
+
+    plan = _plan(config, settings)
+    folder = out or Path("runs", plan.name)
+    forced = frozenset() if force is None else frozenset(plan.require_label(name, "force") for name in force)
+    if until is not None:
+        plan.require_label(until, "until")
+    if dry_run:
+        reused = runner.cached_labels(plan, folder)
+        lines = [f"{label}: {'unchanged' if label in reused else 'to run'}" for label in plan.labels]
+        return _answer({"stages": plan.labels, "unchanged": reused}, "\n".join(lines), as_json=as_json)
+    everything = frozenset(plan.labels) if force == [] else forced
+    with watch(quiet=quiet or as_json) as progress:
+        result = runner.execute(plan, folder, until=until, force=everything, progress=progress)
+    if not result.is_complete:
+        return _answer({"out": str(folder), "until": until}, f"stopped after {until}", as_json=as_json)
+    publish(plan, result, folder)
+    failed = result.metrics.failed_gates if result.metrics else ()
+    answer = {"out": str(folder), "metrics": run_metrics(result), "files": result.files}
+    _answer(answer, "" if quiet else _closing_words(folder, run_metrics(result)), as_json=as_json)
+    for gate in failed:
+        print(f"{folder}: quality gate failed: {gate}", file=sys.stderr)
+    return GATE_FAILED if failed else 0
+
+
+@app.command
+def validate(config: Path, *, settings: Settings = [], as_json: Json = False) -> int:  # noqa: B006 - as in run
+    """Check a config and its plan without running: every fault with file:line:column.
+
+    Parameters
+    ----------
+    config
+        The YAML file to check.
+    """
+    plan = _plan(config, settings)
+    return _answer({"valid": True, "stages": plan.labels}, f"{config}: ok, {len(plan.steps)} stages", as_json=as_json)
+
+
+@app.command
+def stages(name: str | None = None, *, markdown: bool = False) -> int:
+    """List the installed stages, or tell the parameters of one.
+
+    Parameters
+    ----------
+    name
+        The stage to describe.
+    markdown
+        Print the table that the README shows.
+    """
+    from scaffold_pipeline.catalogue import describe, installed_stages, markdown_table, require_stage
+    from scaffold_pipeline.contract import Stage
+
+    if name is not None:
+        print(describe(require_stage(name)))
+    elif markdown:
+        print(markdown_table())
+    else:
+        for stage in installed_stages():
+            print(f"{stage.name:18} {stage.summary}" if isinstance(stage, Stage) else f"broken: {stage}")
+    return 0
+
+
+@app.command
+def schema() -> int:
+    """Print the JSON Schema of a config, installed plug-ins included."""
+    from scaffold_pipeline.catalogue import config_schema
+
+    return _answer(config_schema(), "", as_json=True)
+
+
+@app.command
+def new(folder: Path, *, example: str = "femoral_head") -> int:
+    """Write a starter config and its schema into FOLDER.
+
+    Parameters
+    ----------
+    folder
+        Where to write config.yaml and schema.json; made if need be.
+    example
+        Which example to start from.
+    """
+    from scaffold_pipeline.starter import write_example
+
+    path = write_example(folder, example)
+    print(f"wrote {path}; next: scaffold-pipeline run {path}")
+    return 0
+
+
+@app.command
+def inspect(file: Path, *, units: str | None = None, as_json: Json = False) -> int:
+    """Measure any surface or solid file: size, volume, manifoldness, pieces.
+
+    Parameters
+    ----------
+    file
+        STL, OBJ, PLY, OFF, 3MF, GLB, VTP or legacy VTK.
+    units
+        mm, cm, m or inch; without it the file's own, or mm.
+    """
+    from scaffold_pipeline.inspection import inspect_file
+
+    facts = inspect_file(file, units)
+    return _answer(facts, "\n".join(f"{key}: {value}" for key, value in facts.items()), as_json=as_json)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command and return its exit code; every failure is a line on standard error."""
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in tokens
+    tokens = [token for token in tokens if token != "--debug"]
+    try:
+        return int(app(tokens, exit_on_error=False, print_error=False) or 0)
+    except CycloptsError as error:
+        return _failed(str(error), USAGE, tokens)
+    except PipelineError as error:
+        if debug:
+            raise
+        return _failed(str(error), error.exit_code, tokens)
+    except KeyboardInterrupt:
+        return _failed("interrupted; the same command goes on with the stages that are finished", INTERRUPTED, tokens)
+
+
+def _plan(config: Path, settings: list[str]) -> Plan:
+    from scaffold_pipeline.config import read_draft
+    from scaffold_pipeline.plan import make_plan
+
+    return make_plan(read_draft(config, settings))
+
+
+def _closing_words(folder: Path, metrics: dict[str, Fact]) -> str:
+    asked, got = metrics.get("porosity_requested"), metrics.get("porosity")
+    porosity = f"porosity {got:.3f}" if isinstance(got, float) else "porosity not measured"
+    wanted = f" (asked {asked:.3f})" if isinstance(asked, float) else ""
+    return f"{folder}: {porosity}{wanted}, quality: {metrics['quality']}; see {folder / 'report.html'}"
+
+
+def _failed(message: str, code: int, tokens: list[str]) -> int:
+    print(message, file=sys.stderr)
+    if "--json" in tokens:
+        _answer({"error": message.splitlines(), "exit_code": code}, "", as_json=True)
+    return code
+
+
+def _answer(value: object, text: str, *, as_json: bool) -> int:
+    if as_json:
+        import json
+
+        print(json.dumps(value, indent=2, ensure_ascii=False))
+    elif text:
+        print(text)
+    return 0

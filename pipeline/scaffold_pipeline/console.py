@@ -1,0 +1,47 @@
+"""What a person at a terminal sees of a run: a live bar a stage, or plain lines where there is no terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from scaffold_pipeline import runner
+from scaffold_pipeline.plan import Step
+from scaffold_pipeline.runner import StepRecord
+
+_GIB = 2**30
+
+
+@contextmanager
+def watch(*, quiet: bool) -> Iterator[runner.Progress]:
+    """Show the stages of a run on standard error as they start and finish; nothing where `quiet`."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    if quiet:
+        yield runner.Progress()
+    elif console.is_terminal:
+        with _live(console) as progress:
+            yield progress
+    else:
+        yield runner.Progress(finished=lambda record: _tell(console, record))
+
+
+@contextmanager
+def _live(console: Console) -> Iterator[runner.Progress]:
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True) as bars:
+        task = bars.add_task("", total=None)
+
+        def started(step: Step, number: int, count: int) -> None:
+            bars.reset(task, description=f"{step.label} ({number} of {count})", total=None)
+
+        yield runner.Progress(started=started, finished=lambda record: _tell(console, record))
+
+
+def _tell(console: Console, record: StepRecord) -> None:
+    done = "unchanged" if record.reused else f"{record.seconds:.1f} s, {record.peak_memory_bytes / _GIB:.2f} GiB"
+    console.print(f"{record.label}: {done}", markup=False)
+    for message in record.warnings:
+        console.print(f"{record.label}: warning: {message}", markup=False)

@@ -1,0 +1,119 @@
+"""What a finished run leaves in its directory: the files of its stages, the metrics, the record and the page.
+
+Everything is made complete beside the directory's files and then renamed over them, `run.json` last: it names the
+hash of every other file. What an earlier run wrote and this one did not is removed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from packaging.requirements import Requirement
+
+from scaffold_pipeline import __version__
+from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.plan import Plan
+from scaffold_pipeline.report.page import render_page
+from scaffold_pipeline.runner import STORE, RunResult, config_hash
+from scaffold_pipeline.store import Store, hash_file
+from scaffold_pipeline.yaml_source import to_yaml
+
+RECORD = "run.json"
+
+
+def publish(plan: Plan, result: RunResult, out: Path) -> dict[str, Any]:
+    """Write all files of a complete run into `out` and return its record."""
+    store = Store(out / STORE)
+    with TemporaryDirectory(dir=out, prefix=".publish-") as folder:
+        staging = Path(folder)
+        for name, digest in result.files.items():
+            store.copy_file(digest, staging / name)
+        metrics = run_metrics(result)
+        _write_json(staging / "metrics.json", metrics)
+        (staging / "config.yaml").write_text(to_yaml(plan.resolved()), encoding="utf-8")
+        record = _record(plan, result, staging)
+        preview = staging / "preview.png"
+        picture = preview.read_bytes() if preview.is_file() else None
+        page = render_page(record, metrics, picture)
+        (staging / "report.html").write_text(page, encoding="utf-8")
+        record["files"]["report.html"] = _file_facts(staging / "report.html")
+        _write_json(staging / RECORD, record)
+        _replace(out, staging, record)
+    return record
+
+
+def run_metrics(result: RunResult) -> dict[str, Fact]:
+    """Return the flat metrics of a run: what `measure` found, the time and the memory that it took."""
+    measured = result.metrics.summary() if result.metrics else {"quality": "not measured"}
+    peak = max(step.peak_memory_bytes for step in result.steps)
+    seconds = round(sum(step.seconds for step in result.steps), 3)
+    return {**measured, "seconds": seconds, "peak_memory_bytes": peak}
+
+
+def _record(plan: Plan, result: RunResult, staging: Path) -> dict[str, Any]:
+    warnings = [f"{step.label}: {message}" for step in result.steps for message in step.warnings]
+    metrics = run_metrics(result)
+    return {
+        "name": plan.name,
+        "seed": plan.seed,
+        "finished": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "quality": metrics["quality"],
+        "seconds": metrics["seconds"],
+        "peak_memory_bytes": metrics["peak_memory_bytes"],
+        "config": plan.resolved(),
+        "config_sha256": config_hash(plan),
+        "stages": [asdict(step) for step in result.steps],
+        "warnings": warnings,
+        "files": {path.name: _file_facts(path) for path in sorted(staging.iterdir())},
+        "versions": library_versions(),
+        "platform": {
+            "system": platform.platform(),
+            "machine": platform.machine(),
+            "python": platform.python_version(),
+            "cores": os.cpu_count(),
+        },
+    }
+
+
+def library_versions() -> dict[str, str]:
+    """Return the version of this package and of everything that it requires."""
+    names = [Requirement(text).name for text in requires("scaffold-pipeline") or [] if "extra ==" not in text]
+    found = {"scaffold-pipeline": __version__}
+    for name in sorted(names):
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found
+
+
+def _file_facts(path: Path) -> dict[str, Fact]:
+    return {"sha256": hash_file(path), "bytes": path.stat().st_size}
+
+
+def _write_json(path: Path, value: Mapping[str, Any]) -> None:
+    path.write_text(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _replace(out: Path, staging: Path, record: Mapping[str, Any]) -> None:
+    """Rename the staged files over those of `out`, the record last, and drop what an earlier record alone names."""
+    stale = _recorded_files(out) - set(record["files"])
+    for name in [*record["files"], RECORD]:
+        (staging / name).replace(out / name)
+    for name in stale:
+        (out / name).unlink(missing_ok=True)
+
+
+def _recorded_files(out: Path) -> set[str]:
+    with suppress(OSError, ValueError, KeyError, AttributeError):
+        earlier = json.loads((out / RECORD).read_text(encoding="utf-8"))["files"]
+        return {name for name in earlier if Path(name).name == name}
+    return set()

@@ -1,0 +1,68 @@
+"""Numbers, times and verdicts as people read them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+NOTHING = "\u2013"
+"""What stands where there is no value."""
+
+
+def to_text(value: object) -> str:
+    """Return a fact for people: four digits of a number, more where it is almost 1; yes or no; a dash for None.
+
+    >>> [to_text(value) for value in (0.65432, 0.99998, 1234567, 12345.6, True, None)]
+    ['0.6543', '0.99998', '1\u202f234\u202f567', '12\u202f346', 'yes', '\u2013']
+    """
+    if value is None or value == "":
+        return NOTHING
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
+        return f"{value:,}".replace(",", "\u202f")
+    if isinstance(value, float):
+        is_large = math.isfinite(value) and abs(value) >= 1e4  # noqa: PLR2004 - where four digits show no fraction
+        if is_large and abs(value) < 1e15:  # noqa: PLR2004 - above, an exponent reads better
+            return to_text(round(value))
+        return f"{value:.4g}" if value == 1.0 or f"{value:.4g}" != "1" else f"{value:.9g}"
+    return str(value)
+
+
+def to_duration(seconds: float | None) -> str:
+    """Return a time for people.
+
+    >>> [to_duration(seconds) for seconds in (0.0123, 4.2, 125.0, 7300.0, None)]
+    ['0.01 s', '4.2 s', '2 min 5 s', '2 h 1 min', '\u2013']
+    """
+    if seconds is None:
+        return NOTHING
+    if seconds < 60.0:  # noqa: PLR2004 - a minute
+        return f"{seconds:.1f} s" if seconds >= 1.0 else f"{seconds:.2f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes_left = divmod(minutes, 60)
+    return f"{hours} h {minutes_left} min" if hours else f"{minutes} min {rest} s"
+
+
+def to_size(count: float | None) -> str:
+    """Return a number of bytes for people.
+
+    >>> [to_size(count) for count in (512, 56085484, 3.2e9, None)]
+    ['512 B', '56.1 MB', '3.2 GB', '\u2013']
+    """
+    if count is None:
+        return NOTHING
+    for unit in ("B", "kB", "MB"):
+        if count < 999.5:  # noqa: PLR2004 - rounds to 1000
+            return f"{count:.0f} B" if unit == "B" else f"{count:.1f} {unit}"
+        count /= 1000.0
+    return f"{count:.1f} GB"
+
+
+def failed_gates(quality: object) -> list[str] | None:
+    """Return the quality gates that failed, from `quality` of the metrics or the record; None if not measured."""
+    if isinstance(quality, str):
+        if quality in {"", "not measured"}:
+            return None
+        return [] if quality == "pass" else quality.split("; ")
+    return [str(gate) for gate in quality] if isinstance(quality, Iterable) else None

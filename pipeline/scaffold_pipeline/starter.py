@@ -1,0 +1,37 @@
+"""The example configs that come with the project, as starting points of one's own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from scaffold_pipeline.catalogue import config_schema
+from scaffold_pipeline.errors import ConfigError, Fault, PipelineError, did_you_mean
+
+_SCHEMA_LINE = "# yaml-language-server: $schema=schema.json\n"
+
+
+def examples() -> dict[str, Path]:
+    """Return the example configs by name: inside an installed package, or the checkout's own folder."""
+    installed = Path(__file__).with_name("examples")
+    folder = installed if installed.is_dir() else Path(__file__).parents[2] / "configs"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def write_example(folder: Path, name: str) -> Path:
+    """Write the example `name` as `folder/config.yaml`, with the schema that editors read; return its path.
+
+    Raises `ConfigError` for an unknown example and `PipelineError` where a config is there already.
+    """
+    known = examples()
+    if name not in known:
+        raise ConfigError([Fault(0, 0, f"no example is called {name!r}{did_you_mean(name, known)}", "--example")])
+    target = folder / "config.yaml"
+    if target.exists():
+        raise PipelineError(f"{target}: is there already; choose another folder, or remove it first")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "schema.json").write_text(json.dumps(config_schema(), indent=2) + "\n", encoding="utf-8")
+    text = known[name].read_text(encoding="utf-8")
+    body = text.split("\n", 1)[1] if text.startswith("# yaml-language-server") else text
+    target.write_text(_SCHEMA_LINE + body, encoding="utf-8")
+    return target

@@ -1,0 +1,204 @@
+"""Artifacts and files on disk, addressed by the hash of their content.
+
+    arrays/HASH.npy   artifacts/HASH.json   files/HASH   results/KEY.json
+
+An artifact is a JSON manifest of its facts and of the hashes of its arrays; a result says which artifact and
+files a stage gave for one key. Everything is written to a temporary name and renamed, and hashed when read.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
+from hashlib import sha256
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.artifacts import Artifact
+from scaffold_pipeline.errors import PipelineError
+
+
+class DamagedStoreError(PipelineError):
+    """Something in the store is missing or no longer what its hash says."""
+
+
+def canonical_json(value: object) -> str:
+    """Return the one JSON text of `value`: sorted keys, no spaces, no NaN."""
+    return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+
+
+def hash_json(value: object) -> str:
+    """Return the SHA-256 of the canonical JSON of `value`."""
+    return sha256(canonical_json(value).encode()).hexdigest()
+
+
+def hash_file(path: Path) -> str:
+    """Return the SHA-256 of a file's content."""
+    digest = sha256()
+    with path.open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
+    """Let `write` fill a temporary file beside `path` and rename it: `path` is complete or as it was."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".partial-")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            write(stream)
+        Path(name).chmod(0o666 & ~_umask())
+        os.replace(name, path)  # noqa: PTH105 - Path.replace is the same call under a name that suggests text
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+class Store:
+    """The folder that holds a run's intermediate results."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        for name in ("arrays", "artifacts", "files", "results"):
+            (root / name).mkdir(parents=True, exist_ok=True)
+        for leftover in root.glob("*/.partial-*"):
+            leftover.unlink(missing_ok=True)
+
+    def save(self, artifact: Artifact) -> str:
+        """Store an artifact and return its hash."""
+        manifest = self._manifest(artifact)
+        digest = hash_json(manifest)
+        text = canonical_json(manifest).encode()
+        write_atomically(self._path("artifacts", digest), lambda stream: stream.write(text))
+        return digest
+
+    def load(self, digest: str) -> Artifact:
+        """Bring an artifact back; raises `DamagedStoreError` where it is not whole."""
+        try:
+            manifest = json.loads(self._path("artifacts", digest).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise DamagedStoreError(f"stored artifact {digest[:12]} cannot be read") from error
+        if hash_json(manifest) != digest:
+            raise DamagedStoreError(f"stored artifact {digest[:12]} is not what was stored")
+        return self._restore(manifest)
+
+    def save_file(self, path: Path) -> str:
+        """Store a copy of a file and return its hash."""
+        digest = hash_file(path)
+        with path.open("rb") as source:
+            write_atomically(self._path("files", digest), lambda stream: shutil.copyfileobj(source, stream))
+        return digest
+
+    def copy_file(self, digest: str, target: Path) -> None:
+        """Write the stored file to `target`; raises `DamagedStoreError` where it is not whole."""
+        stored = self._path("files", digest)
+        if not stored.is_file() or hash_file(stored) != digest:
+            raise DamagedStoreError(f"stored file {digest[:12]} is missing or damaged")
+        shutil.copyfile(stored, target)
+
+    def result(self, key: str) -> dict[str, Any] | None:
+        """Return what was stored for `key`, or None where there is nothing whole."""
+        try:
+            stored = json.loads(self._path("results", key).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        has_output = self._path("artifacts", stored["output"]).exists()
+        has_files = all(self._path("files", digest).exists() for digest in stored["files"].values())
+        return cast("dict[str, Any]", stored) if has_output and has_files else None
+
+    def save_result(self, key: str, result: Mapping[str, Any]) -> None:
+        """Store what a stage gave for `key`: at least `output` and `files`, which are in the store already."""
+        text = canonical_json(result).encode()
+        write_atomically(self._path("results", key), lambda stream: stream.write(text))
+
+    def forget(self, key: str) -> None:
+        """Drop the result of `key`."""
+        self._path("results", key).unlink(missing_ok=True)
+
+    def keep_only(self, keys: Iterable[str]) -> None:
+        """Drop every result but those of `keys`, and all that only the dropped ones needed."""
+        kept = {key: result for key in keys if (result := self.result(key))}
+        manifests = [json.loads(self._path("artifacts", kept[key]["output"]).read_text()) for key in kept]
+        wanted = {
+            "results": set(kept),
+            "artifacts": {result["output"] for result in kept.values()},
+            "arrays": {digest for manifest in manifests for digest in _array_hashes(manifest)},
+            "files": {digest for result in kept.values() for digest in result["files"].values()},
+        }
+        for folder, names in wanted.items():
+            for path in (self.root / folder).iterdir():
+                if path.name.partition(".")[0] not in names:
+                    path.unlink(missing_ok=True)
+
+    def _path(self, kind: str, digest: str) -> Path:
+        suffix = {"arrays": ".npy", "artifacts": ".json", "files": "", "results": ".json"}[kind]
+        return self.root / kind / f"{digest}{suffix}"
+
+    def _manifest(self, artifact: Artifact) -> dict[str, Any]:
+        """Store the arrays of `artifact` and return what is needed to make it again."""
+        kind = type(artifact)
+        entries = {entry.name: self._entry(getattr(artifact, entry.name)) for entry in fields(artifact)}
+        return {"type": f"{kind.__module__}:{kind.__qualname__}", "fields": entries}
+
+    def _entry(self, value: object) -> dict[str, Any]:
+        if isinstance(value, np.ndarray):
+            digest = hash_array(value)
+            path = self._path("arrays", digest)
+            write_atomically(path, lambda stream: np.save(stream, value, allow_pickle=False))
+            return {"array": digest}
+        if isinstance(value, Artifact):
+            return {"artifact": self._manifest(value)}
+        if isinstance(value, tuple):
+            return {"tuple": list(value)}
+        return {"value": dict(value) if isinstance(value, Mapping) else value}
+
+    def _restore(self, manifest: dict[str, Any]) -> Artifact:
+        module, _, name = manifest["type"].partition(":")
+        kind = getattr(import_module(module), name)
+        if not (isinstance(kind, type) and issubclass(kind, Artifact)):
+            raise DamagedStoreError(f"stored type {manifest['type']!r} is not an artifact")
+        return kind(**{name: self._restored(entry) for name, entry in manifest["fields"].items()})
+
+    def _restored(self, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - whatever the field holds
+        if "array" in entry:
+            return self._load_array(entry["array"])
+        if "artifact" in entry:
+            return self._restore(entry["artifact"])
+        return tuple(entry["tuple"]) if "tuple" in entry else entry["value"]
+
+    def _load_array(self, digest: str) -> NDArray[Any]:
+        try:
+            values: NDArray[Any] = np.load(self._path("arrays", digest), allow_pickle=False)
+        except (OSError, ValueError) as error:
+            raise DamagedStoreError(f"stored array {digest[:12]} cannot be read") from error
+        if hash_array(values) != digest:
+            raise DamagedStoreError(f"stored array {digest[:12]} is not what was stored")
+        values.setflags(write=False)
+        return values
+
+
+def hash_array(values: NDArray[Any]) -> str:
+    """Return the SHA-256 of an array's type, shape and content."""
+    digest = sha256(f"{values.dtype.str}{values.shape}".encode())
+    digest.update(np.ascontiguousarray(values).data)
+    return digest.hexdigest()
+
+
+def _array_hashes(manifest: dict[str, Any]) -> list[str]:
+    entries = manifest["fields"].values()
+    own = [entry["array"] for entry in entries if "array" in entry]
+    return own + [digest for entry in entries if "artifact" in entry for digest in _array_hashes(entry["artifact"])]

@@ -1,0 +1,235 @@
+"""Formulas on triangle meshes: vertices (n, 3), faces (m, 3) corner indices, counter-clockwise from outside.
+
+A half-edge `h` runs from corner `h % 3` of face `h // 3` to that face's next corner. Two faces are neighbours
+where they share an edge; a vertex alone joins nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.errors import StageError
+
+Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
+Mask: TypeAlias = NDArray[np.bool_]
+
+FLAT = 1e-12
+"""A triangle lower than this share of the greatest coordinate has no area that float64 can tell from none."""
+
+
+class EdgeFaults(NamedTuple):
+    """Counts of edges: of one face, of more than two, and of two faces that walk it the same way."""
+
+    boundary: int
+    non_manifold: int
+    misoriented: int
+
+
+class Winding(NamedTuple):
+    """The faces to turn, (m,) bool, so that neighbours agree, and whether that is possible everywhere."""
+
+    turn: Mask
+    orientable: bool
+
+
+def merge_coincident(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Return the mesh with one vertex for each place, in the order of first use in `vertices`."""
+    if not len(vertices):
+        return vertices, faces
+    places = vertices + 0.0  # -0.0 and 0.0 are one place
+    order = np.lexsort(places.T)
+    is_new = np.ones(len(order), dtype=bool)
+    is_new[1:] = (places[order[1:]] != places[order[:-1]]).any(axis=1)
+    # The sort is stable, so the first of each run is the earliest vertex at that place.
+    first = order[is_new]
+    keep = np.sort(first)
+    place = np.empty(len(order), dtype=np.int64)
+    place[order] = np.searchsorted(keep, first)[np.cumsum(is_new) - 1]
+    return places[keep], place[faces]
+
+
+def drop_unreferenced(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Return the mesh without the vertices that no face uses."""
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    return vertices[used], (np.cumsum(used) - 1)[faces]
+
+
+def collapsed_faces(faces: Ints) -> Mask:
+    """Return which faces use a vertex twice, (m,)."""
+    collapsed: Mask = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    return collapsed
+
+
+def flat_faces(vertices: Floats, faces: Ints) -> Mask:
+    """Return which faces have no height over their longest side, (m,); collapsed faces are among them."""
+    corners = vertices[faces]
+    sides = np.roll(corners, -1, axis=1) - corners
+    longest = np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0)
+    doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    flat: Mask = doubled <= longest * FLAT * np.abs(vertices).max(initial=0.0)
+    return flat
+
+
+def repeated_faces(faces: Ints) -> Mask:
+    """Return which faces have the same corners as an earlier one, however wound, (m,)."""
+    corners = np.sort(faces, axis=1)
+    order = np.lexsort(corners.T)
+    repeated = np.zeros(len(faces), dtype=bool)
+    repeated[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+    return repeated
+
+
+def edge_faults(faces: Ints) -> EdgeFaults:
+    """Count the edges that keep a surface from being closed, manifold and consistently wound."""
+    key = _edge_keys(faces)
+    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    forward = np.bincount(edge, weights=_tails(faces) < _heads(faces), minlength=len(uses))
+    pairs = uses == 2  # noqa: PLR2004 - an edge of a closed surface has two faces
+    return EdgeFaults(
+        boundary=int((uses == 1).sum()),
+        non_manifold=int((uses > 2).sum()),  # noqa: PLR2004
+        misoriented=int((pairs & (forward != 1)).sum()),
+    )
+
+
+def face_pieces(faces: Ints) -> Ints:
+    """Return the number of the edge-connected piece that each face belongs to, (m,), from 0."""
+    one, other = _neighbours(faces)
+    return _components(one // 3, other // 3, len(faces))
+
+
+def corner_fans(faces: Ints) -> Ints:
+    """Return the number of the fan that each corner belongs to, (m, 3), from 0.
+
+    A fan is what of a vertex hangs together by edges; a vertex of two fans is where a surface touches itself.
+    """
+    one, other = _neighbours(faces)
+    is_same_way = _tails(faces)[one] == _tails(faces)[other]
+    at_tail = np.where(is_same_way, other, _next(other))
+    at_head = np.where(is_same_way, _next(other), other)
+    starts, ends = np.concatenate([one, _next(one)]), np.concatenate([at_tail, at_head])
+    return _components(starts, ends, faces.size).reshape(-1, 3)
+
+
+def touching_vertices(faces: Ints) -> int:
+    """Count the vertices at which a surface touches itself: those of more than one fan."""
+    fans = np.unique(np.column_stack([corner_fans(faces).ravel(), faces.ravel()]), axis=0)
+    return int((np.bincount(fans[:, 1]) > 1).sum())
+
+
+def euler_characteristic(faces: Ints) -> int:
+    """Return vertices - edges + faces, of the vertices that the faces use."""
+    return len(np.unique(faces)) - len(np.unique(_edge_keys(faces))) + len(faces)
+
+
+def consistent_winding(faces: Ints) -> Winding:
+    """Find the faces to turn so that neighbours walk their edge in opposite ways; in each piece the fewer turn.
+
+    Every face stands twice in a graph, as it is and turned; edges join what agrees. A piece can be oriented
+    where its two sides do not meet. Edges of more than two faces bind nothing.
+    """
+    count = len(faces)
+    one, other = _neighbours(faces, only_pairs=True)
+    clash = (_tails(faces)[one] == _tails(faces)[other]).astype(np.int64)
+    a, b = one // 3, other // 3
+    side = _components(
+        np.concatenate([a, a + count]), np.concatenate([b + clash * count, b + (1 - clash) * count]), 2 * count
+    )
+    as_is, turned = side[:count], side[count:]
+    # The greater of a piece's two sides is the way that most of its faces are wound.
+    sizes = np.bincount(as_is, minlength=2 * count)
+    turn = (sizes[as_is] < sizes[turned]) | ((sizes[as_is] == sizes[turned]) & (as_is > turned))
+    return Winding(turn=turn, orientable=bool((as_is != turned).all()))
+
+
+def turn_faces(faces: Ints, turn: Mask) -> Ints:
+    """Return the faces with those of `turn` (m,) wound the other way."""
+    return np.where(turn[:, None], faces[:, ::-1], faces)
+
+
+def piece_volumes(vertices: Floats, faces: Ints, pieces: Ints) -> Floats:
+    """Return the signed volume that each piece encloses, in the cube of the vertices' unit."""
+    if not len(faces):
+        return np.zeros(0)
+    a, b, c = np.moveaxis((vertices - vertices[faces].mean(axis=(0, 1)))[faces], 1, 0)
+    volumes = np.einsum("ij,ij->i", a, np.cross(b, c)) / 6.0
+    return np.bincount(pieces, weights=volumes).astype(np.float64)
+
+
+def face_areas(vertices: Floats, faces: Ints) -> Floats:
+    """Return the area of each face, (m,), in the square of the vertices' unit."""
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2.0)
+
+
+def winding_number(point: Floats, vertices: Floats, faces: Ints) -> float:
+    """Return how often a closed surface winds about `point` (3,): 1 inside, 0 outside, negated if inverted.
+
+    The sum of solid angles of Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126.
+    """
+    a, b, c = np.moveaxis(vertices[faces] - point, 1, 0)
+    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
+    products = [np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a))]
+    below = la * lb * lc + products[0] * lc + products[1] * la + products[2] * lb
+    above = np.einsum("ij,ij->i", a, np.cross(b, c))
+    return float(np.arctan2(above, below).sum() / (2.0 * np.pi))
+
+
+def self_intersections(vertices: Floats, faces: Ints) -> dict[str, NDArray[Any]]:
+    """Return the `faces` (k,) that pass through another; for a child process, as it may never come back.
+
+    Faces that lie upon each other without crossing are not among them.
+    """
+    import pymeshlab
+
+    if "compute_selection_by_self_intersections_per_face" not in pymeshlab.filter_list():
+        raise StageError(
+            "pymeshlab came without its self-intersection filter; install the system libraries "
+            "libGL and libOpenGL (Debian: libgl1 libopengl0)"
+        )
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertices - vertices.mean(axis=0), faces.astype(np.int32)))
+    meshes.compute_selection_by_self_intersections_per_face()
+    return {"faces": np.flatnonzero(meshes.current_mesh().face_selection_array())}
+
+
+def _tails(faces: Ints) -> Ints:
+    return faces.ravel()
+
+
+def _heads(faces: Ints) -> Ints:
+    return np.roll(faces, -1, axis=1).ravel()
+
+
+def _next(half_edge: Ints) -> Ints:
+    return half_edge - half_edge % 3 + (half_edge + 1) % 3
+
+
+def _edge_keys(faces: Ints) -> Ints:
+    """Return one number for the undirected edge of each half-edge, (3m,)."""
+    tails, heads = _tails(faces), _heads(faces)
+    return np.asarray(np.minimum(tails, heads) * (faces.max(initial=0) + 1) + np.maximum(tails, heads))
+
+
+def _neighbours(faces: Ints, *, only_pairs: bool = False) -> tuple[Ints, Ints]:
+    """Return pairs of half-edges on one edge; an edge of k faces gives k - 1, or none if `only_pairs` and k > 2."""
+    key = _edge_keys(faces)
+    order = np.argsort(key, kind="stable")
+    meets = key[order[1:]] == key[order[:-1]]
+    if only_pairs:
+        run = np.concatenate([[False], meets, [False]])
+        meets = meets & ~run[:-2] & ~run[2:]
+    return order[:-1][meets], order[1:][meets]
+
+
+def _components(starts: Ints, ends: Ints, count: int) -> Ints:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(starts), dtype=np.int8), (starts, ends)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)

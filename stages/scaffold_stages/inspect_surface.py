@@ -1,0 +1,119 @@
+"""`inspect_surface`: measure any surface file, its defects included, and refuse none of them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from scaffold_pipeline.artifacts import Fact, Metrics
+from scaffold_pipeline.contract import InputFile, Params, stage
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.isolation import call_in_child
+from scaffold_stages._kernels import surface_files, triangles
+from scaffold_stages._kernels.triangles import Floats, Ints
+
+_SEARCH_SECONDS = 60.0
+"""For the search for self-intersections: a million triangles take seconds, some tangles for ever."""
+
+
+class InspectSurfaceParams(Params):
+    """Parameters of `inspect_surface`."""
+
+    path: InputFile
+    """The surface: STL, OBJ, PLY, OFF, 3MF, GLB, VTP or legacy VTK."""
+
+    units: Literal["mm", "cm", "m", "inch"] | None = None
+    """What a length of 1 in the file means; left out, what the file says, or else mm."""
+
+
+@stage(writes="metrics", version=1)
+def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
+    """Measure a surface file: unit, size, area, volume, closedness, pieces, self-intersections.
+
+    Vertices at exactly the same place count as one. What is not defined is None: the volume of a surface
+    that is open or not consistently wound, its genus, self-intersections where the search did not end.
+    """
+    content = surface_files.read_surface(params.path)
+    unit = params.units or content.unit
+    scale = surface_files.MILLIMETRES.get(unit or "mm")
+    if scale is None:
+        raise StageError(f"{params.path.name}: the unit {unit!r} is not known; set `units` to mm, cm, m or inch")
+    vertices, faces = triangles.merge_coincident(content.vertices * scale, content.faces)
+    vertices, faces = triangles.drop_unreferenced(vertices, faces)
+    values = {
+        "file": params.path.name,
+        "unit": _unit_in_words(unit, is_given=params.units is not None),
+        "vertices_in_file": len(content.vertices),
+        "vertices": len(vertices),
+        "triangles": len(faces),
+        "degenerate_triangles": int(triangles.flat_faces(vertices, faces).sum()),
+        "duplicate_triangles": int(triangles.repeated_faces(faces).sum()),
+        **_size(vertices, faces),
+        **_topology(vertices, faces[~triangles.collapsed_faces(faces)]),
+        **_intersections(vertices, faces, params.path.name),
+        "manifold3d": _manifold_status(vertices, faces),
+        "notes": "; ".join(content.notes),
+    }
+    return Metrics(values=values)
+
+
+def _unit_in_words(unit: str | None, *, is_given: bool) -> str:
+    if unit is None:
+        return "not in the file, taken as mm"
+    return f"{unit} (given)" if is_given else f"{unit} (from the file)"
+
+
+def _size(vertices: Floats, faces: Ints) -> dict[str, Fact]:
+    size = np.ptp(vertices, axis=0)
+    return {
+        **{f"size_{axis}": float(length) for axis, length in zip("xyz", size, strict=True)},
+        "area_mm2": float(triangles.face_areas(vertices, faces).sum()),
+    }
+
+
+def _topology(vertices: Floats, faces: Ints) -> dict[str, Fact]:
+    """Return what hangs together and how, and volume and genus where they are defined.
+
+    The genus is that of all pieces together, by Euler's formula for closed surfaces.
+    """
+    faults = triangles.edge_faults(faces)
+    touching = triangles.touching_vertices(faces)
+    pieces = triangles.face_pieces(faces)
+    count = int(pieces.max(initial=-1)) + 1
+    euler = triangles.euler_characteristic(faces)
+    is_solid = count > 0 and not any(faults)
+    return {
+        "is_manifold": count > 0 and not faults.boundary and not faults.non_manifold,
+        "is_oriented": not faults.misoriented and not faults.non_manifold,
+        "boundary_edges": faults.boundary,
+        "non_manifold_edges": faults.non_manifold,
+        "misoriented_edges": faults.misoriented,
+        "touching_vertices": touching,
+        "pieces": count,
+        "euler": euler,
+        "genus": count - euler // 2 if is_solid and not touching else None,
+        "volume_mm3": float(triangles.piece_volumes(vertices, faces, pieces).sum()) if is_solid else None,
+    }
+
+
+def _intersections(vertices: Floats, faces: Ints, name: str) -> dict[str, Fact]:
+    try:
+        found = call_in_child(
+            triangles.self_intersections,
+            {"vertices": vertices, "faces": faces},
+            {},
+            seconds=_SEARCH_SECONDS,
+            about=f"self-intersections of {name} are not counted",
+        )
+    except StageError as error:
+        return {"self_intersecting_faces": None, "self_intersecting_faces_note": str(error)}
+    return {"self_intersecting_faces": len(found["faces"])}
+
+
+def _manifold_status(vertices: Floats, faces: Ints) -> str:
+    """Return what manifold3d says of the surface as a solid: `NoError`, `NotManifold`, ..."""
+    import manifold3d
+
+    mesh = manifold3d.Mesh64(np.array(vertices), np.array(faces, dtype=np.uint64))
+    return str(manifold3d.Manifold(mesh).status()).rpartition(".")[2]

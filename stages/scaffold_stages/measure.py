@@ -1,0 +1,149 @@
+"""Stage `measure`: what the written file will hold, measured and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from pydantic import Field
+
+from scaffold_pipeline.artifacts import (
+    Fact,
+    Floats,
+    Ints,
+    IsoSurface,
+    Metrics,
+    OuterShape,
+    ScalarField,
+    Solid,
+    SurfaceMesh,
+    VolumeMesh,
+)
+from scaffold_pipeline.contract import Params, Share, stage
+
+
+class MeasureParams(Params):
+    """Parameters of `measure`: a switch for each quality gate, and how much it lets pass."""
+
+    porosity_tolerance: Share = Field(default=0.005, gt=0.0, lt=1.0)
+    """How far the porosity may be from the one asked for."""
+
+    least_connected_pores: Share = Field(default=0.99, ge=0.0, le=1.0)
+    """Share of the pore volume that must hang together; the clip cuts slivers off at the surface."""
+
+    gate_manifold: bool = True
+    """Whether an open or non-manifold solid fails."""
+
+    gate_one_piece: bool = True
+    """Whether a solid of several pieces, or with closed pores, fails."""
+
+    gate_pores_connected: bool = True
+    """Whether pores that do not hang together fail."""
+
+    gate_porosity: bool = True
+    """Whether a porosity off the one asked for fails."""
+
+    gate_certificate: bool = True
+    """Whether an iso outside the field's certified window fails."""
+
+
+@stage(writes="metrics", version=1)
+def measure(
+    solid: Solid,
+    outer: OuterShape,
+    porous: IsoSurface,
+    field: ScalarField,
+    mesh: VolumeMesh | None = None,
+    *,
+    params: MeasureParams,
+) -> Metrics:
+    """Measure the solid as a file gives it back, and check it against the quality gates.
+
+    The solid is put through the bytes of an STL and read back, merged by position as every reader does:
+    `write_solid` writes the same bytes, wherever it stands in the config.
+    """
+    from scaffold_stages._kernels.stl import from_stl, to_stl
+
+    vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))
+    file = SurfaceMesh(vertices, faces)
+    values: dict[str, Fact] = {
+        "porosity": 1.0 - file.volume / outer.volume,
+        "porosity_requested": porous.porosity_requested,
+        "iso": porous.iso,
+        **(field.certificate.at(porous.iso) if field.certificate else {}),
+        **_shell_facts(vertices, faces),
+        **_pore_facts(solid.pore_volumes),
+        "volume_mm3": file.volume,
+        "area_mm2": file.area,
+        "outer_volume_mm3": outer.volume,
+        "triangles": len(faces),
+        "cells": mesh.summary()["cells"] if mesh else None,
+        "elements": field.facts.get("elements"),
+        "voxels": int(field.values.size),
+        "voxel_size": field.spacing,
+    }
+    return Metrics(values, tuple(_failed_gates(values, params)))
+
+
+def _shell_facts(vertices: Floats, faces: Ints) -> dict[str, Fact]:
+    from scaffold_stages._kernels.triangles import edge_faults, face_pieces, piece_volumes, touching_vertices
+
+    faults = edge_faults(faces)
+    volumes = piece_volumes(vertices, faces, face_pieces(faces))
+    pieces = volumes[volumes > 0.0]
+    return {
+        "is_manifold": not any(faults) and touching_vertices(faces) == 0,
+        "solid_pieces": len(pieces),
+        "solid_largest_fraction": float(pieces.max() / pieces.sum()) if len(pieces) else 0.0,
+        "closed_pores": int((volumes < 0.0).sum()),
+    }
+
+
+def _pore_facts(volumes: Floats) -> dict[str, Fact]:
+    total = float(np.sum(volumes))
+    return {
+        "pore_pieces": len(volumes),
+        "pore_largest_fraction": float(volumes.max() / total) if len(volumes) else 0.0,
+    }
+
+
+def _failed_gates(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
+    """Yield a line for each gate that is on and fails: which, by how much, and what to change."""
+    if params.gate_manifold and not values["is_manifold"]:
+        yield "manifold: the solid has open, non-manifold or touching parts; use other voxels or smoothing"
+    pieces, closed = values["solid_pieces"], values["closed_pores"]
+    if params.gate_one_piece and (pieces, closed) != (1, 0):
+        yield f"one_piece: {pieces} pieces and {closed} closed pores instead of 1 and 0; lower porosity, or use no skin"
+    yield from _failed_shares(values, params)
+    yield from _failed_certificate(values) if params.gate_certificate else ()
+
+
+def _failed_shares(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
+    connected, porosity = float(values["pore_largest_fraction"] or 0.0), float(values["porosity"] or 0.0)
+    if params.gate_pores_connected and connected < params.least_connected_pores:
+        yield (
+            f"pores_connected: {connected:.4f} of the pore volume hangs together, at least "
+            f"{params.least_connected_pores:g} is asked for; raise porosity or use smaller voxels"
+        )
+    asked = values["porosity_requested"]
+    if params.gate_porosity and asked is not None and abs(porosity - float(asked)) > params.porosity_tolerance:
+        yield (
+            f"porosity: {porosity:.4f} differs from the {float(asked):g} asked for by more than "
+            f"{params.porosity_tolerance:g}; less smoothing or smaller voxels bring it nearer"
+        )
+
+
+def _failed_certificate(values: dict[str, Fact]) -> Iterator[str]:
+    if values.get("channel_max") is None:
+        return
+    iso, low, high = (float(values[name] or 0.0) for name in ("iso", "channel_max", "strut_min"))
+    if iso <= low:
+        yield (
+            f"certificate: iso {iso:.4f} is {low - iso:.4f} below channel_max: {values['channels_closed']} of "
+            f"{values['channels']} channels may be closed; raise porosity, or lower c"
+        )
+    if iso >= high:
+        yield (
+            f"certificate: iso {iso:.4f} is {iso - high:.4f} above strut_min: {values['struts_broken']} of "
+            f"{values['struts']} struts may be broken; lower porosity, or lower c"
+        )
