@@ -30,7 +30,9 @@ Distance = Literal["endpoint", "endpoint-to-segment", "exact"]
 MARGIN = 3
 """Samples beyond the outer shape's box: the field is void from two samples outside on, and the clip needs no more."""
 
-_ROWS = 16
+_BLOCK, _MOST_ROWS = 0.5, 16
+"""Blocks are about half a mean edge wide, so that their lists of segments are short, and at most 16 samples."""
+
 _EXACT_C, _NORMALISED_C = 0.1, 0.02
 _EXPONENT, _SUPPORT = 4, 1.3
 _BYTES_PER_VOXEL = 8
@@ -125,10 +127,11 @@ def _normalised(skeleton: Skeleton, origin: Floats, inside: np.ndarray, params: 
 
     segments = _segments(skeleton, params)
     first, step = (origin - segments.centre) / segments.unit, params.voxel_size / segments.unit
-    sizes = step * np.array([_ROWS, _ROWS, shepard.LANES])
-    blocks = [-(-count // rows) for count, rows in zip(inside.shape, (_ROWS, _ROWS, shepard.LANES), strict=True)]
-    bins = shepard.bin_segments(segments, first - step / 2.0, sizes, (blocks[0], blocks[1], blocks[2]))
-    active = _active_blocks(grown(inside, 2), bins.shape, shepard.LANES)
+    rows = int(np.clip(round(_BLOCK / step), 1, _MOST_ROWS))
+    samples = (rows, rows, shepard.LANES)
+    blocks = tuple(-(-count // rows) for count, rows in zip(inside.shape, samples, strict=True))
+    bins = shepard.bin_segments(segments, first - step / 2.0, step * np.array(samples), blocks)
+    active = _active_blocks(grown(inside, 2), blocks, samples)
     values = np.full(inside.shape, -1.0, np.float32)
     half_reached = shepard.field_on_blocks(segments, bins, first, step, active, inside, values)
     _require_reached(half_reached, params.support or _SUPPORT)
@@ -160,9 +163,8 @@ def _segments(skeleton: Skeleton, params: ArbfFieldParams) -> Segments:
     )
 
 
-def _active_blocks(near: np.ndarray, blocks: tuple[int, int, int], lanes: int) -> np.ndarray:
+def _active_blocks(near: np.ndarray, blocks: tuple[int, ...], sizes: tuple[int, int, int]) -> np.ndarray:
     """Return the numbers of the blocks that hold a sample of `near`, (nx, ny, nz), last axis fastest."""
-    sizes = (_ROWS, _ROWS, lanes)
     padded = np.pad(near, [(0, n * size - have) for n, size, have in zip(blocks, sizes, near.shape, strict=True)])
     boxes = padded.reshape(blocks[0], sizes[0], blocks[1], sizes[1], blocks[2], sizes[2])
     return np.flatnonzero(boxes.any(axis=(1, 3, 5)))

@@ -178,7 +178,7 @@ def _outward(vertices: Floats, faces: Ints, pieces: Ints, name: str, notes: list
             "so they are neither its cavities nor apart from it; set `component: largest`, or delete them "
             "or turn them inward"
         )
-    _note(notes, int((depth % 2 == 1).sum()), "{} of the pieces are cavities")
+    _note(notes, int((depth % 2 == 1).sum()), "{} pieces are cavities")
     turned = (volumes > 0) == (depth % 2 == 1)
     _note(notes, int(turned.sum()), "turned {} pieces that faced the wrong way")
     return triangles.turn_faces(faces, turned[pieces])
@@ -242,9 +242,10 @@ def _require_no_self_intersection(vertices: Floats, faces: Ints, name: str) -> N
 
 def _warn_of_odd_size(vertices: Floats, name: str) -> None:
     longest = float(np.ptp(vertices, axis=0).max())
-    if not _SMALLEST <= longest <= _LARGEST:
+    # A surface scaled to the unit cube has no unit at all.
+    if not _SMALLEST < longest <= _LARGEST:
         warnings.warn(
-            f"{name}: its longest side is {longest:.4g} mm, outside {_SMALLEST:g} to {_LARGEST:g} mm: "
+            f"{name}: its longest side is {longest:.4g} mm, not between {_SMALLEST:g} and {_LARGEST:g} mm: "
             "is `units` right?",
             PipelineWarning,
             stacklevel=3,

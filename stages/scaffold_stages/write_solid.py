@@ -226,10 +226,14 @@ def _write_stl(path: Path, vertices: Singles, faces: Ints, metadata: Mapping[str
 
 def _read_stl(path: Path) -> Singles:
     """Return the triangles that trimesh, no code of ours, reads, (m, 3, 3)."""
-    import trimesh
+    from trimesh.exchange.stl import HeaderError, load_stl_binary
 
-    mesh = trimesh.load_mesh(path, process=False)
-    return to_single(np.asarray(mesh.vertices)[np.asarray(mesh.faces)])
+    try:
+        with path.open("rb") as stream:
+            loaded = load_stl_binary(stream)
+    except HeaderError as error:
+        raise StageError(f"must be valid binary STL, but trimesh says: {error}") from error
+    return to_single(loaded["vertices"][loaded["faces"]])
 
 
 def _write_3mf(path: Path, vertices: Singles, faces: Ints, metadata: Mapping[str, str]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -11,10 +13,10 @@ TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
 
-def moebius_strip(count=6):
+def moebius_strip(count: int = 6):
     """A strip of `count` quadrangles whose ends meet the wrong way round."""
     pairs = [(2 * k, 2 * k + 1) for k in range(count)] + [(1, 0)]
-    ends = list(zip(pairs[:-1], pairs[1:], strict=True))
+    ends = list(pairwise(pairs))
     return np.array([face for (a, b), (c, d) in ends for face in ((a, b, c), (b, d, c))])
 
 
@@ -76,7 +78,7 @@ def test_fans_do_not_depend_on_the_winding():
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_any_mixture_of_windings_is_made_consistent(seed):
+def test_any_mixture_of_windings_is_made_consistent(seed: int):
     mixture = np.random.default_rng(seed).random(8) < 0.5
     faces = triangles.turn_faces(np.vstack([TETRAHEDRON, TETRAHEDRON + 4]), mixture)
     winding = triangles.consistent_winding(faces)
@@ -119,7 +121,7 @@ def test_areas_are_those_of_the_faces():
 
 def test_triangles_that_pass_through_others_are_found():
     apart = np.vstack([CORNERS, CORNERS + 5.0])
-    through = np.vstack([CORNERS, CORNERS + [0.1, 0.1, -0.2]])
+    through = np.vstack([CORNERS, CORNERS + np.array([0.1, 0.1, -0.2])])
     faces = np.vstack([TETRAHEDRON, TETRAHEDRON + 4])
     assert len(triangles.self_intersections(apart, faces)["faces"]) == 0
     assert len(triangles.self_intersections(through, faces)["faces"]) > 0

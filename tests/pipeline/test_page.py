@@ -94,15 +94,23 @@ def test_the_page_tells_verdict_metrics_stages_and_provenance():
 
 
 def test_a_failed_gate_is_a_line_under_the_verdict():
-    text = page(metrics={"quality": "iso lies 0.2 above strut_min; solid_pieces must be 1, got 10"})
+    text = page(metrics={"quality": "certificate: iso is high; lower c; one_piece: 10 pieces; lower porosity"})
 
     assert '<p class="verdict fail">quality fail</p>' in text
-    assert "<li>iso lies 0.2 above strut_min</li><li>solid_pieces must be 1, got 10</li>" in text
+    assert "<li>certificate: iso is high; lower c</li><li>one_piece: 10 pieces; lower porosity</li>" in text
 
 
 @pytest.mark.parametrize(
     ("quality", "gates"),
-    [("pass", []), ("a; b", ["a", "b"]), (["a; b"], ["a; b"]), ("not measured", None), ("", None), (None, None)],
+    [
+        ("pass", []),
+        ("a: b; c: d", ["a: b", "c: d"]),
+        ("a: b; or c", ["a: b; or c"]),
+        (["a; b"], ["a; b"]),
+        ("not measured", None),
+        ("", None),
+        (None, None),
+    ],
 )
 def test_quality_is_read_as_text_or_list(quality: object, gates: list[str] | None):
     assert failed_gates(quality) == gates

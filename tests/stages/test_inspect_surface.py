@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
-
 from scaffold_stages import inspect_surface as module
 from scaffold_stages.inspect_surface import InspectSurfaceParams, inspect_surface
 
@@ -17,15 +17,15 @@ FACES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
 CORNERS = [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)]
 
 
-def written(folder, vertices, faces):
+def written(folder: Path, vertices: list[tuple[float, ...]], faces: list[tuple[int, ...]]):
     path = folder / "surface.obj"
     rows = [f"v {x} {y} {z}" for x, y, z in vertices] + ["f {} {} {}".format(*(np.array(f) + 1)) for f in faces]
     path.write_text("\n".join(rows) + "\n")
     return path
 
 
-def inspected(path, **given):
-    return inspect_surface(params=InspectSurfaceParams(path=path, **given)).values
+def inspected(path: Path, **given: object):
+    return inspect_surface(params=InspectSurfaceParams.model_validate({"path": path, **given})).values
 
 
 def test_it_keeps_the_contract_of_a_stage():
@@ -33,7 +33,7 @@ def test_it_keeps_the_contract_of_a_stage():
     assert (declared.writes, declared.reads) == ("metrics", {})
 
 
-def test_a_sound_body_is_measured(tmp_path):
+def test_a_sound_body_is_measured(tmp_path: Path):
     found = inspected(written(tmp_path, CORNERS, FACES))
     assert found["is_manifold"]
     assert found["is_oriented"]
@@ -45,24 +45,24 @@ def test_a_sound_body_is_measured(tmp_path):
     assert found["unit"] == "not in the file, taken as mm"
 
 
-def test_the_unit_given_scales_every_measure(tmp_path):
+def test_the_unit_given_scales_every_measure(tmp_path: Path):
     found = inspected(written(tmp_path, CORNERS, FACES), units="cm")
     assert found["unit"] == "cm (given)"
     assert (found["size_z"], found["volume_mm3"]) == (10.0, pytest.approx(1000 / 6))
 
 
-def test_an_open_surface_has_no_volume_and_no_genus(tmp_path):
+def test_an_open_surface_has_no_volume_and_no_genus(tmp_path: Path):
     found = inspected(written(tmp_path, CORNERS, FACES[1:]))
     assert (found["boundary_edges"], found["is_manifold"], found["is_oriented"]) == (3, False, True)
     assert (found["volume_mm3"], found["genus"], found["manifold3d"]) == (None, None, "NotManifold")
 
 
-def test_inverted_normals_show_as_a_negative_volume(tmp_path):
+def test_inverted_normals_show_as_a_negative_volume(tmp_path: Path):
     found = inspected(written(tmp_path, CORNERS, [face[::-1] for face in FACES]))
     assert found["volume_mm3"] == pytest.approx(-1 / 6)
 
 
-def test_defects_are_counted(tmp_path):
+def test_defects_are_counted(tmp_path: Path):
     wing = [(0, 1, 4), (0, 1, 4), (2, 2, 3), (0, 1, 5)]
     found = inspected(written(tmp_path, [*CORNERS, (0.5, -1, 0), (0.5, 0, 0)], FACES + wing))
     assert found["non_manifold_edges"] == 1
@@ -70,19 +70,19 @@ def test_defects_are_counted(tmp_path):
     assert found["duplicate_triangles"] == 1
 
 
-def test_a_surface_of_collapsed_triangles_only_is_measured(tmp_path):
+def test_a_surface_of_collapsed_triangles_only_is_measured(tmp_path: Path):
     found = inspected(written(tmp_path, CORNERS, [(0, 0, 1)]))
     assert (found["pieces"], found["is_manifold"], found["degenerate_triangles"]) == (0, False, 1)
 
 
-def test_a_search_that_does_not_end_leaves_none_and_says_so(tmp_path, monkeypatch):
+def test_a_search_that_does_not_end_leaves_none_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(module, "_SEARCH_SECONDS", 0.01)
     found = inspected(written(tmp_path, CORNERS, FACES))
     assert found["self_intersecting_faces"] is None
     assert "gave no result within" in found["self_intersecting_faces_note"]
 
 
-def test_a_file_without_triangles_is_an_error(tmp_path):
+def test_a_file_without_triangles_is_an_error(tmp_path: Path):
     path = tmp_path / "points.obj"
     path.write_text("v 0 0 0\n")
     with pytest.raises(StageError, match=r"points\.obj: holds no triangles"):
@@ -100,6 +100,6 @@ def test_a_file_without_triangles_is_an_error(tmp_path):
         ("peers/cinolib_bamboo_pen.obj", {"genus": 8, "manifold3d": "NoError"}),
     ],
 )
-def test_real_files_are_measured_as_others_measured_them(name, expected):
+def test_real_files_are_measured_as_others_measured_them(name: str, expected: dict[str, object]):
     found = inspected(DATA / name)
     assert {key: found[key] for key in expected} == expected

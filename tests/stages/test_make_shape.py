@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from pydantic import ValidationError
+
+from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
-
 from scaffold_stages import make_shape as module
 from scaffold_stages._kernels import triangles
 from scaffold_stages.make_shape import MakeShapeParams, make_shape
@@ -20,18 +21,18 @@ SHAPES = [
 ]
 
 
-def made(**given):
-    return make_shape(params=MakeShapeParams(**given))
+def made(**given: object):
+    return make_shape(params=MakeShapeParams.model_validate(given))
 
 
-def smallest_angle(outer):
+def smallest_angle(outer: OuterShape):
     corners = outer.vertices[outer.faces]
     sides = np.roll(corners, -1, axis=1) - corners
     sides /= np.linalg.norm(sides, axis=2, keepdims=True)
     return np.degrees(np.arccos(-np.einsum("fij,fij->fi", sides, np.roll(sides, 1, axis=1)))).min()
 
 
-def mean_edge(outer):
+def mean_edge(outer: OuterShape):
     corners = outer.vertices[outer.faces]
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).mean()
 
@@ -42,7 +43,7 @@ def test_it_keeps_the_contract_of_a_stage():
 
 
 @pytest.mark.parametrize("given", SHAPES, ids=lambda given: given["shape"])
-def test_every_shape_is_a_sound_body(given):
+def test_every_shape_is_a_sound_body(given: dict[str, float]):
     outer = made(**given)
     assert not any(triangles.edge_faults(outer.faces))
     assert triangles.euler_characteristic(outer.faces) == 2
@@ -55,7 +56,7 @@ def test_every_shape_is_a_sound_body(given):
 
 
 @pytest.mark.parametrize("given", SHAPES, ids=lambda given: given["shape"])
-def test_every_shape_is_the_same_to_the_bit_each_time(given):
+def test_every_shape_is_the_same_to_the_bit_each_time(given: dict[str, float]):
     one, other = made(**given), made(**given)
     assert one.vertices.tobytes() == other.vertices.tobytes()
     assert one.faces.tobytes() == other.faces.tobytes()
@@ -98,13 +99,13 @@ def test_a_side_that_the_shape_has_not_is_refused():
 
 
 @pytest.mark.parametrize("facet", [0.01, 40.0])
-def test_facets_too_fine_or_too_coarse_are_refused_with_the_range(facet):
-    with pytest.raises(ValidationError, match="facet: must be from 0.2 to 3 mm for a femur of this size"):
+def test_facets_too_fine_or_too_coarse_are_refused_with_the_range(facet: float):
+    with pytest.raises(ValidationError, match=r"facet: must be from 0\.2 to 3 mm for a femur of this size"):
         MakeShapeParams(facet=facet)
 
 
-def test_a_shape_that_does_not_close_is_an_error(monkeypatch):
-    def open_box(size, facet):
+def test_a_shape_that_does_not_close_is_an_error(monkeypatch: pytest.MonkeyPatch):
+    def open_box(size: tuple[float, float, float], facet: float):
         vertices, faces = box(size, facet)
         return vertices, faces[1:]
 

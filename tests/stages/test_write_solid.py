@@ -197,6 +197,13 @@ def test_a_file_that_lost_triangles_is_refused(tmp_path: Path, monkeypatch: pyte
     write_bad(ONE, tmp_path, "must hold 12 triangles, but 3 were read back")
 
 
+def test_an_stl_that_was_cut_off_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    whole = module.to_stl
+    monkeypatch.setattr(module, "to_stl", lambda *given: whole(*given)[:-1])
+
+    write_bad(ONE, tmp_path, "must be valid binary STL, but trimesh says")
+
+
 def test_a_3mf_in_inches_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     model = module._model
 

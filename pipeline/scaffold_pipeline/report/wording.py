@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable
+
+_GATE_STARTS = re.compile(r"; (?=[a-z_]+: )")  # a gate's line, `name: what; remedy`, may hold a semicolon itself
 
 NOTHING = "\u2013"
 """What stands where there is no value."""
@@ -64,5 +67,5 @@ def failed_gates(quality: object) -> list[str] | None:
     if isinstance(quality, str):
         if quality in {"", "not measured"}:
             return None
-        return [] if quality == "pass" else quality.split("; ")
+        return [] if quality == "pass" else _GATE_STARTS.split(quality)
     return [str(gate) for gate in quality] if isinstance(quality, Iterable) else None

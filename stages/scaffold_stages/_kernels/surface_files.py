@@ -244,7 +244,7 @@ def _read_ply(path: Path) -> _Polygons:
 
 
 def _read_with_vtk(path: Path) -> _Polygons:
-    about = f"{path.name} cannot be read; {_AGAIN}, as PolyData"
+    about = f"{path.name} cannot be read; export it again, as PolyData, or download it again"
     found = call_in_child(vtk_polygons, {}, {"path": str(path.resolve())}, seconds=READING_SECONDS, about=about)
     return _Polygons(found["vertices"], found["corners"], found["sizes"])
 
