@@ -1,0 +1,39 @@
+"""Check that the wheel and the sdist in a folder hold what they should and nothing else: `distributions.py FOLDER`."""
+
+import sys
+import tarfile
+import zipfile
+from pathlib import Path
+
+WHEEL_NEEDS = (
+    "scaffold_pipeline/cli.py",
+    "scaffold_pipeline/py.typed",
+    "scaffold_pipeline/examples/femoral_head.yaml",
+    "scaffold_stages/arbf_field.py",
+    "scaffold_stages/_kernels/shepard.py",
+    "scaffold_stages/py.typed",
+)
+SDIST_NEEDS = (
+    "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "constraints.txt",
+    "configs/minimal.yaml", "pipeline/scaffold_pipeline/cli.py", "stages/scaffold_stages/arbf_field.py",
+    "tests/end_to_end/distributions.py",
+)  # fmt: skip
+FOREIGN = ("__pycache__", "runs/", ".venv/", ".ci/")
+
+
+def main(folder: Path) -> int:
+    """Print what is missing from, or foreign in, the distributions; return 1 where there is something."""
+    wheel = zipfile.ZipFile(next(folder.glob("*.whl"))).namelist()
+    with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
+        sdist = [name.partition("/")[2] for name in archive.getnames()]
+    faults = [f"wheel lacks {name}" for name in WHEEL_NEEDS if name not in wheel]
+    faults += [f"sdist lacks {name}" for name in SDIST_NEEDS if name not in sdist]
+    faults += [f"foreign file {name}" for name in wheel + sdist if any(part in name for part in FOREIGN)]
+    tops = {name.partition("/")[0] for name in wheel} - {"scaffold_pipeline", "scaffold_stages"}
+    faults += [f"wheel installs {name}" for name in tops if not name.endswith(".dist-info")]
+    print("\n".join(faults) or f"wheel: {len(wheel)} files, sdist: {len(sdist)} files")
+    return int(bool(faults))
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1])))
