@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scaffold_pipeline.cell_types import CELL_TYPES, cell_volumes
 from scaffold_pipeline.errors import StageError
 
-Fact: TypeAlias = str | int | float | bool | None
+Fact: TypeAlias = str | int | float | bool | list[str] | None
 """What a summary, a record or `metrics.json` may hold under one key."""
 
 Floats: TypeAlias = NDArray[np.float64]
@@ -39,20 +39,22 @@ class Artifact:
     def _own(self, name: str, dtype: type, shape: tuple[int | None, ...]) -> None:
         """Replace field `name` by a contiguous array of `dtype`, after checking its shape and finiteness."""
         given = np.asarray(getattr(self, name))
-        if given.ndim != len(shape) or any(want not in {None, got} for want, got in zip(shape, given.shape, strict=True)):
+        fits = [want in {None, got} for want, got in zip(shape, given.shape, strict=False)]
+        if given.ndim != len(shape) or not all(fits):
             wanted = tuple("n" if want is None else want for want in shape)
             raise StageError(f"{type(self).__name__}.{name}: must have shape {wanted}, got {given.shape}")
         if given.dtype.kind not in "biuf" or (np.dtype(dtype).kind == "i" and given.dtype.kind == "f"):
             raise StageError(f"{type(self).__name__}.{name}: must hold {dtype.__name__}, got {given.dtype}")
-        if given.dtype.kind == "f" and not np.isfinite(given).all():
-            bad = int(np.count_nonzero(~np.isfinite(given)))
+        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite and is refused next
+            owned: NDArray[Any] = np.array(given, dtype=dtype, order="C", copy=True if given.flags.writeable else None)
+        if owned.dtype.kind == "f" and not np.isfinite(owned).all():
+            bad = int(np.count_nonzero(~np.isfinite(owned)))
             raise StageError(f"{type(self).__name__}.{name}: must be finite, but {bad} values are NaN or infinite")
-        owned = np.array(given, dtype=dtype, order="C", copy=given.flags.writeable or not given.flags.c_contiguous)
         object.__setattr__(self, name, owned)
 
 
 def _require_indices(owner: str, name: str, indices: Ints, count: int) -> None:
-    if indices.size and not (0 <= indices.min() and indices.max() < count):
+    if indices.size and (indices.min() < 0 or indices.max() >= count):
         raise StageError(f"{owner}.{name}: indices must lie in 0..{count - 1}, got {indices.min()}..{indices.max()}")
 
 
@@ -320,7 +322,7 @@ class Metrics(Artifact):
 
     def summary(self) -> dict[str, Fact]:
         """Return the metrics and the verdict."""
-        return {**self.values, "quality": "; ".join(self.failed_gates) or "pass"}
+        return {**self.values, "quality": list(self.failed_gates) or "pass"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,4 +334,3 @@ class WrittenSolid(Artifact):
     def summary(self) -> dict[str, Fact]:
         """Return the facts of each file."""
         return dict(self.facts)
-

@@ -41,8 +41,8 @@ def markdown_table() -> str:
     rows = ["| stage | does | reads | writes | parameters |", "|---|---|---|---|---|"]
     for stage in installed_stages():
         if isinstance(stage, Stage):
-            reads = ", ".join(stage.reads) or "–"
-            parameters = ", ".join(f"`{name}`" for name in stage.params.model_fields) or "–"
+            reads = ", ".join(stage.reads) or "-"
+            parameters = ", ".join(f"`{name}`" for name in stage.params.model_fields) or "-"
             rows.append(f"| `{stage.name}` | {stage.summary} | {reads} | {stage.writes} | {parameters} |")
     return "\n".join(rows)
 
@@ -86,7 +86,7 @@ def _parameters(stage: Stage) -> dict[str, dict[str, str]]:
     properties = stage.params.model_json_schema().get("properties", {})
     told = {}
     for name, info in stage.params.model_fields.items():
-        default = "required" if info.is_required() else f"default {info.default!r}"
+        default = "required" if info.is_required() else f"default {info.get_default(call_default_factory=True)!r}"
         if name in follows:
             default += f", or as {follows[name].stage}.{follows[name].parameter}"
         kind = _kind(properties.get(name, {}))

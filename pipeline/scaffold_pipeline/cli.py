@@ -5,7 +5,9 @@ What only one command needs is imported inside it, so that `--help` answers at o
 
 from __future__ import annotations
 
+import os
 import sys
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +23,9 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 GATE_FAILED = 3
 USAGE = 2
+FAILED = 1
+
+_DEBUG = "--debug"
 
 app = App(
     name="scaffold-pipeline",
@@ -41,7 +46,7 @@ Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on s
 
 
 @app.command
-def run(
+def run(  # noqa: PLR0913 - one argument an option
     config: Path,
     *,
     out: Path | None = None,
@@ -73,19 +78,19 @@ def run(
 
     plan = _plan(config, settings)
     folder = out or Path("runs", plan.name)
-    forced = frozenset() if force is None else frozenset(plan.require_label(name, "force") for name in force)
-    if until is not None:
-        plan.require_label(until, "until")
+    forced = [plan.require_label(name, "force") for name in force] if force else plan.labels if force == [] else []
+    last = plan.labels.index(plan.require_label(until, "until")) if until else len(plan.labels) - 1
     if dry_run:
-        reused = runner.cached_labels(plan, folder)
-        lines = [f"{label}: {'unchanged' if label in reused else 'to run'}" for label in plan.labels]
-        return _answer({"stages": plan.labels, "unchanged": reused}, "\n".join(lines), as_json=as_json)
-    everything = frozenset(plan.labels) if force == [] else forced
-    with watch(quiet=quiet or as_json) as progress:
-        result = runner.execute(plan, folder, until=until, force=everything, progress=progress)
+        wanted, unchanged = plan.labels[: last + 1], runner.unchanged_labels(plan, folder, forced)
+        reused = [label for label in wanted if label in unchanged]
+        lines = [f"{label}: {'unchanged' if label in reused else 'to run'}" for label in wanted]
+        return _answer({"stages": wanted, "unchanged": reused}, "\n".join(lines), as_json=as_json)
+    with runner.locked(folder), watch(quiet=quiet or as_json) as progress:
+        result = runner.execute(plan, folder, until=until, force=forced, progress=progress)
+        if result.is_complete:
+            publish(plan, result, folder)
     if not result.is_complete:
         return _answer({"out": str(folder), "until": until}, f"stopped after {until}", as_json=as_json)
-    publish(plan, result, folder)
     failed = result.metrics.failed_gates if result.metrics else ()
     answer = {"out": str(folder), "metrics": run_metrics(result), "files": result.files}
     _answer(answer, "" if quiet else _closing_words(folder, run_metrics(result)), as_json=as_json)
@@ -177,18 +182,21 @@ def inspect(file: Path, *, units: str | None = None, as_json: Json = False) -> i
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; every failure is a line on standard error."""
     tokens = list(sys.argv[1:] if arguments is None else arguments)
-    debug = "--debug" in tokens
-    tokens = [token for token in tokens if token != "--debug"]
+    debug = _DEBUG in tokens
+    tokens = [token for token in tokens if token != _DEBUG]
     try:
-        return int(app(tokens, exit_on_error=False, print_error=False) or 0)
-    except CycloptsError as error:
-        return _failed(str(error), USAGE, tokens)
-    except PipelineError as error:
-        if debug:
-            raise
-        return _failed(str(error), error.exit_code, tokens)
+        code = int(app(tokens, exit_on_error=False, print_error=False) or 0)
+        sys.stdout.flush()
+    except BrokenPipeError:  # `| head` has read enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
     except KeyboardInterrupt:
         return _failed("interrupted; the same command goes on with the stages that are finished", INTERRUPTED, tokens)
+    except Exception as error:  # noqa: BLE001 - a user meets lines, not tracebacks
+        if debug:
+            traceback.print_exc()
+        return _failed(*_told(error), tokens)
+    return code
 
 
 def _plan(config: Path, settings: list[str]) -> Plan:
@@ -202,7 +210,20 @@ def _closing_words(folder: Path, metrics: dict[str, Fact]) -> str:
     asked, got = metrics.get("porosity_requested"), metrics.get("porosity")
     porosity = f"porosity {got:.3f}" if isinstance(got, float) else "porosity not measured"
     wanted = f" (asked {asked:.3f})" if isinstance(asked, float) else ""
-    return f"{folder}: {porosity}{wanted}, quality: {metrics['quality']}; see {folder / 'report.html'}"
+    quality = metrics["quality"] if isinstance(metrics["quality"], str) else "FAILED"
+    return f"{folder}: {porosity}{wanted}, quality: {quality}; see {folder / 'report.html'}"
+
+
+def _told(error: Exception) -> tuple[str, int]:
+    """Return the lines and the exit code that an error becomes."""
+    if isinstance(error, PipelineError):
+        return str(error), error.exit_code
+    if isinstance(error, CycloptsError):
+        return str(error), USAGE
+    if isinstance(error, OSError) and error.strerror:
+        place = f"{error.filename}: " if error.filename else ""
+        return f"{place}{error.strerror}", FAILED
+    return f"unexpected {type(error).__name__}: {' '.join(str(error).split())}; --debug shows where", FAILED
 
 
 def _failed(message: str, code: int, tokens: list[str]) -> int:

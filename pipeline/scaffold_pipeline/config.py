@@ -1,17 +1,16 @@
 """A YAML file and `--set` texts to a draft of what shall run: every fault found, each with its place.
 
-    name: heel              # also the name of the run directory
-    seed: 7                 # all randomness comes from it
-    stages:
-      - use: load_surface   # a stage; `as: NAME` renames the slot it writes, `from: {argument: slot}` what it reads
-        path: heel.stl      # everything else is a parameter of the stage
+name: heel              # also the name of the run directory
+seed: 7                 # all randomness comes from it
+stages:
+  - use: load_surface   # a stage; `as: NAME` renames the slot it writes, `from: {argument: slot}` what it reads
+    path: heel.stl      # everything else is a parameter of the stage
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -82,7 +81,8 @@ def read_draft(path: Path, settings: Sequence[str] = ()) -> Draft:
     document = yaml_source.parse(_read_text(path), str(path))
     if not isinstance(document.values, dict):
         raise ConfigError([document.fault((), "a config is a mapping with the keys name, seed and stages")])
-    values = deepcopy(document.values)
+    values = _unshared(document.values)
+    values.setdefault("name", path.stem)
     setting_faults, overrides = _apply_settings(values, settings)
     draft = Draft("", 0, (), document, overrides, ())
     faults = [*document.faults, *setting_faults, *_top_level_faults(draft, values)]
@@ -93,13 +93,20 @@ def read_draft(path: Path, settings: Sequence[str] = ()) -> Draft:
         stage_draft, found = _read_stage(draft, index, entry, context)
         stages.append(stage_draft)
         faults.extend(found)
-    name, seed = values.get("name", path.stem), values.get("seed", 0)
-    return Draft(str(name), seed if isinstance(seed, int) else 0, tuple(stages), document, overrides, tuple(faults))
+    name, seed = str(values["name"]), values.get("seed", 0)
+    return Draft(name, seed if isinstance(seed, int) else 0, tuple(stages), document, overrides, tuple(faults))
+
+
+def _unshared(value: Any) -> Any:  # noqa: ANN401 - a YAML tree
+    """Return a copy of a YAML tree in which an alias and what it stands for are two values."""
+    if isinstance(value, dict):
+        return {key: _unshared(entry) for key, entry in value.items()}
+    return [_unshared(entry) for entry in value] if isinstance(value, list) else value
 
 
 def _read_text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # some editors put a byte-order mark first
     except IsADirectoryError as error:
         raise ConfigError([Fault(0, 0, "a config is a YAML file, but this is a directory", str(path))]) from error
     except FileNotFoundError as error:
@@ -114,7 +121,7 @@ def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
     for key in values:
         if key not in _TOP_LEVEL:
             yield draft.fault((str(key),), f"unknown key {key!r}{did_you_mean(str(key), _TOP_LEVEL)}")
-    name = values.get("name", "run")
+    name = values["name"]
     if not (isinstance(name, str) and _NAME.fullmatch(name)):
         rule = "must be letters, digits, dots, dashes and underscores, as it names a folder"
         yield draft.fault(("name",), f"name: {rule}, got {name!r}")
@@ -125,9 +132,7 @@ def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
         yield draft.fault(("stages",), "stages: must be a list of at least one stage, each with `use: NAME`")
 
 
-def _read_stage(
-    draft: Draft, index: int, entry: object, context: dict[str, Any]
-) -> tuple[StageDraft, list[Fault]]:
+def _read_stage(draft: Draft, index: int, entry: object, context: dict[str, Any]) -> tuple[StageDraft, list[Fault]]:
     path = ("stages", index)
     if not isinstance(entry, dict) or not isinstance(entry.get("use"), str):
         message = f"stages.{index}: must be a mapping with `use: STAGE`, got {_shown(entry)}"
@@ -182,18 +187,14 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."  # noqa: PLR2004 - keeps a fault on one line
 
 
-def _apply_settings(
-    values: dict[Any, Any], settings: Sequence[str]
-) -> tuple[list[Fault], dict[yaml_source.Path, str]]:
+def _apply_settings(values: dict[Any, Any], settings: Sequence[str]) -> tuple[list[Fault], dict[yaml_source.Path, str]]:
     """Write each `target=value` into `values`; return the faults and which paths were written by which text."""
     faults, overrides = [], {}
     for text in settings:
-        target, equals, value = text.partition("=")
+        target, _, value = text.partition("=")
         try:
-            if not equals:
-                raise LookupError("must have the form stage.key=value")
-            path = _setting_path(values, target.strip())
-            _assign(values, path, yaml_source.parse_scalar(value))
+            path = _setting_path(values, target.strip(), is_whole="=" in text)
+            _assign(values, path, value if path == ("name",) else yaml_source.parse_scalar(value))
         except LookupError as error:
             faults.append(Fault(0, 0, str(error.args[0]), f"--set {text}"))
         else:
@@ -201,17 +202,20 @@ def _apply_settings(
     return faults, overrides
 
 
-def _setting_path(values: dict[Any, Any], target: str) -> yaml_source.Path:
-    if target in {"name", "seed"}:
+def _setting_path(values: dict[Any, Any], target: str, *, is_whole: bool) -> yaml_source.Path:
+    """Return where in `values` the setting's target stands; raises `LookupError` where there is no such place."""
+    if is_whole and target in {"name", "seed"}:
         return (target,)
+    stages = values.get("stages")
+    entries = [entry if isinstance(entry, dict) else {} for entry in (stages if isinstance(stages, list) else [])]
     head, _, rest = target.partition(".")
-    entries = [entry if isinstance(entry, dict) else {} for entry in values.get("stages") or []]
     if head == "stages":
         number, _, rest = rest.partition(".")
+        head = f"stages.{number}"
         matches = [int(number)] if number.isdecimal() and int(number) < len(entries) else []
     else:
-        matches = [index for index, entry in enumerate(entries) if head in {entry.get("use"), entry.get("as")}]
-    if not rest:
+        matches = [index for index, entry in enumerate(entries) if head in (entry.get("use"), entry.get("as"))]
+    if not (is_whole and rest):
         raise LookupError("must have the form stage.key=value")
     if not matches:
         known = [str(entry["use"]) for entry in entries if "use" in entry]
@@ -222,15 +226,20 @@ def _setting_path(values: dict[Any, Any], target: str) -> yaml_source.Path:
 
 
 def _assign(values: Any, path: yaml_source.Path, value: object) -> None:  # noqa: ANN401 - a YAML tree
-    *parents, last = path
-    for part in parents:
+    for depth, part in enumerate(path[:-1]):
         if isinstance(values, dict):
             values = values.setdefault(part, {})
-        else:
+        elif isinstance(values, list) and isinstance(part, int):
             values = values[part]
+        else:
+            raise _no_room(path[:depth], part)
     if not isinstance(values, dict):
-        raise LookupError(f"{'.'.join(map(str, parents))} holds a value, so that {last!r} cannot be set in it")
-    values[last] = _from_here(values, str(last), value)
+        raise _no_room(path[:-1], path[-1])
+    values[path[-1]] = _from_here(values, str(path[-1]), value)
+
+
+def _no_room(path: yaml_source.Path, part: str | int) -> LookupError:
+    return LookupError(f"{'.'.join(map(str, path))} holds a value, so that {part!r} cannot be set in it")
 
 
 def _from_here(entry: dict[Any, Any], key: str, value: object) -> object:

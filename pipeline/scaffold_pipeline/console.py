@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
@@ -18,14 +19,14 @@ _GIB = 2**30
 @contextmanager
 def watch(*, quiet: bool) -> Iterator[runner.Progress]:
     """Show the stages of a run on standard error as they start and finish; nothing where `quiet`."""
-    console = Console(stderr=True, highlight=False, soft_wrap=True)
+    console = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     if quiet:
         yield runner.Progress()
     elif console.is_terminal:
         with _live(console) as progress:
             yield progress
     else:
-        yield runner.Progress(finished=lambda record: _tell(console, record))
+        yield _telling(console)
 
 
 @contextmanager
@@ -37,7 +38,14 @@ def _live(console: Console) -> Iterator[runner.Progress]:
         def started(step: Step, number: int, count: int) -> None:
             bars.reset(task, description=f"{step.label} ({number} of {count})", total=None)
 
-        yield runner.Progress(started=started, finished=lambda record: _tell(console, record))
+        yield replace(_telling(console), started=started)
+
+
+def _telling(console: Console) -> runner.Progress:
+    return runner.Progress(
+        finished=lambda record: _tell(console, record),
+        warned=lambda message: console.print(f"warning: {message}", markup=False),
+    )
 
 
 def _tell(console: Console, record: StepRecord) -> None:

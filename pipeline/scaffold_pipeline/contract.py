@@ -14,6 +14,7 @@ folder, where the stage writes files; `config_hash` where its files name the con
 from __future__ import annotations
 
 import inspect
+import os
 import typing
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -53,12 +54,19 @@ Share = Annotated[float, Unit("share of 1")]
 
 def _resolve_input_file(path: Path, info: ValidationInfo) -> Path:
     """Resolve `path` against the folder of its configuration and require that a file is there."""
-    base = (info.context or {}).get("base", Path())
-    resolved = Path(base, path.expanduser()).resolve()
-    if resolved.is_dir():
+    base = (info.context or {}).get("base")
+    try:
+        resolved = Path(base or Path(), path.expanduser()).resolve()
+        is_directory, is_file = resolved.is_dir(), resolved.is_file()
+    except (OSError, RuntimeError) as error:  # a name too long for the system, a `~user` who is not there
+        raise ValueError(f"cannot be a file's path: {error}") from error
+    if is_directory:
         raise ValueError(f"must be a file, but {resolved} is a directory")
-    if not resolved.is_file():
-        raise ValueError(f"no such file: {resolved}; paths in a config are relative to the config")
+    if not is_file:
+        remedy = "; paths in a config are relative to the config" if base else ""
+        raise ValueError(f"no such file: {resolved}{remedy}")
+    if not os.access(resolved, os.R_OK):
+        raise ValueError(f"may not be read: {resolved}; change its permissions")
     return resolved
 
 
@@ -81,9 +89,15 @@ class Params(BaseModel):
         return {
             name: mark
             for name, info in cls.model_fields.items()
-            for mark in info.metadata
+            for mark in (*info.metadata, *_marks_within(info.annotation))
             if isinstance(mark, kind)
         }
+
+
+def _marks_within(annotation: object) -> list[object]:
+    """Return the marks inside a type: those of `float` in `Annotated[float, Unit("mm")] | None`."""
+    inner = [mark for part in typing.get_args(annotation) for mark in _marks_within(part)]
+    return [*getattr(annotation, "__metadata__", ()), *inner]
 
 
 @dataclass(frozen=True)
@@ -145,6 +159,7 @@ def stage_from_function(name: str, function: object) -> Stage:
         raise StageDefinitionError(f"stage {name!r}: needs a keyword argument `params` annotated with a Params class")
     if not (isinstance(hints.get("return"), type) and issubclass(hints["return"], Artifact)):
         raise StageDefinitionError(f"stage {name!r}: its return annotation must be an artifact type")
+    _require_single_files(name, params)
     return Stage(
         name=name,
         function=function,
@@ -160,18 +175,30 @@ def stage_from_function(name: str, function: object) -> Stage:
 def _hints(name: str, function: Callable[..., Any]) -> dict[str, Any]:
     try:
         return typing.get_type_hints(function)
-    except NameError as error:
+    except Exception as error:  # an annotation is any expression and can fail in any way
         raise StageDefinitionError(
             f"stage {name!r}: an annotation cannot be resolved ({error}); import its type outside TYPE_CHECKING"
         ) from error
 
 
+def _require_single_files(name: str, params: type[Params]) -> None:
+    """Require that each `InputFile` stands alone or beside None, where the runner looks for it."""
+    for parameter in params.marked(InputFileMark):
+        annotation = params.model_fields[parameter].annotation
+        members = typing.get_args(annotation) if _is_union(annotation) else (annotation,)
+        if not set(members) <= {InputFile, Path, NoneType}:
+            raise StageDefinitionError(f"stage {name!r}: parameter {parameter!r} must be one InputFile, not several")
+
+
 def _read(name: str, argument: str, hints: dict[str, Any]) -> Read:
     hint = hints.get(argument)
-    is_union = isinstance(hint, UnionType) or typing.get_origin(hint) is typing.Union
-    members = [member for member in typing.get_args(hint) if member is not NoneType] if is_union else [hint]
+    members = [member for member in typing.get_args(hint) if member is not NoneType] if _is_union(hint) else [hint]
     if len(members) != 1 or not (isinstance(members[0], type) and issubclass(members[0], Artifact)):
         raise StageDefinitionError(
             f"stage {name!r}: argument {argument!r} must be annotated with an artifact type, got {hint!r}"
         )
-    return Read(type=members[0], optional=is_union)
+    return Read(type=members[0], optional=_is_union(hint))
+
+
+def _is_union(annotation: object) -> bool:
+    return typing.get_origin(annotation) in {typing.Union, UnionType}

@@ -17,7 +17,7 @@ def inspect_file(path: Path, units: str | None) -> dict[str, Fact]:
     """Return the facts of the surface in `path`; raises `ConfigError` for a path or unit that cannot be."""
     stage = require_stage(_STAGE)
     try:
-        params = stage.params.model_validate({"path": path, "units": units}, context={"base": Path()})
+        params = stage.params.model_validate({"path": path, "units": units})
     except ValidationError as error:
         messages = [detail["msg"].removeprefix("Value error, ") for detail in error.errors(include_url=False)]
         raise ConfigError([Fault(0, 0, message, str(path)) for message in messages]) from error

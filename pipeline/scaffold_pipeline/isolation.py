@@ -38,11 +38,11 @@ def call_in_child(
         box = Path(folder)
         np.savez(box / "request.npz", allow_pickle=False, **arrays)
         request = {"module": function.__module__, "function": function.__qualname__, "scalars": scalars}
-        (box / "request.json").write_text(json.dumps(request))
+        (box / "request.json").write_text(json.dumps(request), encoding="utf-8")
         code = _run_child(box, seconds, about)
         failure = box / "error.txt"
         if failure.exists():
-            raise StageError(f"{failure.read_text()}; {about}")
+            raise StageError(f"{failure.read_text(encoding='utf-8')}; {about}")
         answer = box / "answer.npz"
         if code != 0 or not answer.exists():
             raise StageError(f"{request['module']} {_death(code)}{_last_words(box)}; {about}")
@@ -70,22 +70,32 @@ def _death(code: int) -> str:
 
 
 def _last_words(box: Path) -> str:
-    lines = (box / "output.txt").read_text(errors="replace").strip().splitlines()
+    lines = (box / "output.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
     return f" ({lines[-1].strip()[:200]})" if lines else ""
 
 
 def _serve(box: Path) -> None:
     """Do what the request in `box` asks for: the child's side."""
-    request = json.loads((box / "request.json").read_text())
+    _die_with_parent()
+    request = json.loads((box / "request.json").read_text(encoding="utf-8"))
     function = getattr(import_module(request["module"]), request["function"])
     with np.load(box / "request.npz", allow_pickle=False) as stored:
         arrays = {name: stored[name] for name in stored.files}
     try:
         answer = function(**arrays, **request["scalars"])
     except PipelineError as error:
-        (box / "error.txt").write_text(str(error))
+        (box / "error.txt").write_text(str(error), encoding="utf-8")
     else:
         np.savez(box / "answer.npz", allow_pickle=False, **answer)
+
+
+def _die_with_parent() -> None:
+    """Have Linux end this process when its parent is killed: native code can hang on for ever."""
+    if sys.platform == "linux":
+        import ctypes
+
+        set_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
+        ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
 
 
 if __name__ == "__main__":

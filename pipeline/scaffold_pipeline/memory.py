@@ -6,6 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from threading import Event, Thread
 from types import TracebackType
+from typing import Self
 
 import psutil
 
@@ -28,29 +29,46 @@ class PeakMemory:
 
     def __init__(self) -> None:
         self.peak = 0
+        self._has_mark = False
         self._stop = Event()
         self._thread = Thread(target=self._sample, daemon=True)
 
-    def __enter__(self) -> PeakMemory:
+    def __enter__(self) -> Self:
         with suppress(OSError):
             _CLEAR.write_text("5")  # proc(5): resets VmHWM
+            self._has_mark = True
         self._thread.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         self._stop.set()
         self._thread.join()
-        with suppress(OSError, StopIteration, ValueError):
-            line = next(line for line in _STATUS.read_text().splitlines() if line.startswith("VmHWM:"))
-            self.peak = max(self.peak, int(line.split()[1]) * 1024)
+        if self._has_mark:  # else the mark is that of all that ran before
+            self.peak = max(self.peak, _high_water_mark())
 
     def _sample(self) -> None:
         process = psutil.Process()
         while True:
-            used = process.memory_info().rss
-            for child in process.children(recursive=True):
-                with suppress(psutil.Error):
-                    used += child.memory_info().rss
-            self.peak = max(self.peak, used)
+            self.peak = max(self.peak, sum(map(_resident, [process, *_children(process)])))
             if self._stop.wait(_INTERVAL):
                 return
+
+
+def _resident(process: psutil.Process) -> int:
+    with suppress(psutil.Error):
+        return int(process.memory_info().rss)
+    return 0
+
+
+def _children(process: psutil.Process) -> list[psutil.Process]:
+    with suppress(psutil.Error):
+        return process.children(recursive=True)
+    return []
+
+
+def _high_water_mark() -> int:
+    """Return the greatest resident memory of this process since the mark was reset, bytes; 0 where none is kept."""
+    with suppress(OSError, StopIteration, ValueError):
+        line = next(line for line in _STATUS.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) * 1024
+    return 0

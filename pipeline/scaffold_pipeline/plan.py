@@ -122,17 +122,18 @@ def _slot_faults(draft: Draft) -> Iterator[Fault]:
         for argument, slot in sources.items():
             message = _read_fault(entry, argument, slot, slots, draft)
             if message and (is_complete or slot in slots):
-                yield draft.fault((*entry.path, "use"), entry.says(message))
+                place = ("from", argument) if argument in entry.sources else ("use",)
+                yield draft.fault((*entry.path, *place), entry.says(message))
         if entry.slot in slots and entry.slot not in sources.values():
             by = slots[entry.slot].by
             message = f"writes slot {entry.slot!r}, which stages.{by.index} ({by.use}) has written; give it `as: NAME`"
-            yield draft.fault((*entry.path, "use"), entry.says(message))
-        slots[entry.slot] = _Written(entry.stage.output, entry)
+            place = ("use",) if entry.slot == entry.stage.writes else ("as",)
+            yield draft.fault((*entry.path, *place), entry.says(message))
+        if entry.slot in slots or entry.slot not in sources.values():  # what transforms a missing slot writes none
+            slots[entry.slot] = _Written(entry.stage.output, entry)
 
 
-def _read_fault(
-    entry: StageDraft, argument: str, slot: str, slots: Mapping[str, _Written], draft: Draft
-) -> str | None:
+def _read_fault(entry: StageDraft, argument: str, slot: str, slots: Mapping[str, _Written], draft: Draft) -> str | None:
     """Return what is wrong with one read of one entry, or None."""
     read = entry.stage.reads[argument] if entry.stage else None
     if read is None or (slot not in slots and read.optional and argument not in entry.sources):

@@ -46,7 +46,7 @@ def _owner(point: EntryPoint) -> str:
 def _load(point: EntryPoint) -> Stage:
     try:
         function = point.load()
-    except Exception as error:  # a plug-in can fail in any way while it is imported
+    except (Exception, SystemExit) as error:  # a plug-in can fail in any way while it is imported
         raise StageDefinitionError(
             f"stage {point.name!r}: {_owner(point)} cannot be loaded from {point.value}: "
             f"{type(error).__name__}: {error}"

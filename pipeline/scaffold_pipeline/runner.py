@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -23,10 +24,13 @@ from scaffold_pipeline.contract import InputFileMark
 from scaffold_pipeline.errors import PipelineError, PipelineWarning, StageDefinitionError, StageError
 from scaffold_pipeline.memory import PeakMemory
 from scaffold_pipeline.plan import Plan, Step
-from scaffold_pipeline.store import DamagedStoreError, Store, hash_file, hash_json
+from scaffold_pipeline.store import OUT_PREFIX, DamagedStoreError, Store, hash_file, hash_json
 
 STORE = ".store"
 """Folder of a run directory that holds the results of its stages."""
+
+OWN_FILES = frozenset({"config.yaml", "metrics.json", "report.html", "run.json"})
+"""Files of a run directory that are written by no stage."""
 
 
 @dataclass(frozen=True)
@@ -57,24 +61,49 @@ class Progress:
 
     started: Callable[[Step, int, int], None] = lambda _step, _number, _count: None
     finished: Callable[[StepRecord], None] = lambda _record: None
+    warned: Callable[[str], None] = lambda _message: None
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What one call of `execute` works on; `forced` are the labels still to be run though they are stored."""
+
+    plan: Plan
+    store: Store
+    until: str | None
+    forced: set[str]
+    progress: Progress
+    messages: list[str] = field(default_factory=list)
+
+    def warn(self, message: str) -> None:
+        self.messages.append(message)
+        self.progress.warned(message)
 
 
 @dataclass
 class _State:
-    """The slots while a plan runs: the hash of each, and the values that were made or read in this process."""
+    """The slots while a plan runs: who wrote each, and the values that were made or read in this process."""
 
-    hashes: dict[str, str] = field(default_factory=dict)
+    records: dict[str, StepRecord] = field(default_factory=dict)
     values: dict[str, Artifact] = field(default_factory=dict)
+
+    def hashes(self, step: Step) -> dict[str, str]:
+        """Return the hash behind each argument that `step` reads."""
+        return {argument: self.records[slot].output for argument, slot in step.sources.items()}
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """The steps that ran or were reused, the metrics if any were measured, and whether the plan was finished."""
+    """The steps that ran or were reused, the metrics if any were measured, and whether the plan was finished.
+
+    `warnings` are the run's own; those of a stage are in its record.
+    """
 
     steps: tuple[StepRecord, ...]
     metrics: Metrics | None
     seconds: float
     is_complete: bool
+    warnings: tuple[str, ...] = ()
 
     @property
     def files(self) -> dict[str, str]:
@@ -96,33 +125,49 @@ def execute(
     stage that fails; what was finished before it stays stored.
     """
     started = time.monotonic()
+    with locked(out):
+        store = Store(out / STORE)
+        store.prepare()
+        run = _Run(plan, store, until, set(force), progress or Progress())
+        records, metrics = _run_despite_damage(run)
+        is_complete = len(records) == len(plan.steps)
+        if is_complete:
+            store.keep_only(record.key for record in records)
+    return RunResult(tuple(records), metrics, time.monotonic() - started, is_complete, tuple(run.messages))
+
+
+@contextmanager
+def locked(out: Path) -> Iterator[None]:
+    """Make the run directory `out` if need be, and hold it for this thread alone; it may hold it already.
+
+    Raises `PipelineError` where another run holds it.
+    """
     out.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(out.resolve() / ".lock", timeout=0, is_singleton=True)
     try:
-        with FileLock(out / ".lock", timeout=0):
-            store = Store(out / STORE)
-            records, state = _run_steps(plan, store, until, frozenset(force), progress or Progress())
-            metrics = _last_metrics(plan, state, store)
+        lock.acquire()
     except Timeout as error:
-        raise PipelineError(f"{out}: another run is using this directory; wait for it or choose another --out") from error
-    is_complete = len(records) == len(plan.steps)
-    if is_complete:
-        store.keep_only(record.key for record in records)
-    return RunResult(tuple(records), metrics, time.monotonic() - started, is_complete)
+        message = f"{out}: another run is using this directory; wait for it or choose another --out"
+        raise PipelineError(message) from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
-def cached_labels(plan: Plan, out: Path) -> list[str]:
-    """Return the labels of the leading steps that `execute` would not run again."""
-    hashes: dict[str, str] = {}
-    labels: list[str] = []
-    if not (out / STORE).is_dir():
-        return labels
+def unchanged_labels(plan: Plan, out: Path, force: Collection[str] = ()) -> list[str]:
+    """Return the labels of the steps that `execute` is sure not to run again; reads the store and writes nothing."""
+    state, labels = _State(), []
     store = Store(out / STORE)
     for step in plan.steps:
-        stored = store.result(_key(plan, step, hashes))
-        if stored is None:
-            return labels
-        hashes[step.slot] = stored["output"]
-        labels.append(step.label)
+        is_known = step.label not in force and all(slot in state.records for slot in step.sources.values())
+        stored = None
+        with suppress(DamagedStoreError):
+            stored = store.result(_key(plan, step, state)) if is_known else None
+        state.records.pop(step.slot, None)
+        if stored is not None:
+            state.records[step.slot] = _reused(step, stored)
+            labels.append(step.label)
     return labels
 
 
@@ -132,25 +177,41 @@ def config_hash(plan: Plan) -> str:
     return hash_json({"seed": plan.seed, "stages": steps})
 
 
-def _run_steps(
-    plan: Plan, store: Store, until: str | None, force: frozenset[str], progress: Progress
-) -> tuple[list[StepRecord], _State]:
-    state, records = _State(), []
-    for number, step in enumerate(plan.steps):
-        progress.started(step, number + 1, len(plan.steps))
+def _run_despite_damage(run: _Run) -> tuple[list[StepRecord], Metrics | None]:
+    """Go through the plan, from the start again wherever a stored value is not whole: its result is then forgotten.
+
+    A value is loaded only where its step was not run in this pass, so that a sound disk needs one more pass for
+    each step at most.
+    """
+    for _ in run.plan.steps:
         try:
-            record = _run_or_reuse(plan, step, state, store, is_forced=step.label in force)
+            return _run_steps(run)
         except DamagedStoreError as damage:
-            warnings.warn(f"{damage}; the stages before are run again", PipelineWarning, stacklevel=1)
-            for made in records:
-                store.forget(made.key)
-            return _run_steps(plan, store, until, force, progress)
+            run.warn(f"{damage}; the stage that made it is run again")
+    return _run_steps(run)
+
+
+def _run_steps(run: _Run) -> tuple[list[StepRecord], Metrics | None]:
+    state = _State()
+    records: list[StepRecord] = []
+    steps = run.plan.steps
+    for number, step in enumerate(steps):
+        run.progress.started(step, number + 1, len(steps))
+        record = _run_or_reuse(run, step, state)
+        _require_new_names(record, records)
         records.append(record)
-        progress.finished(record)
-        if step.label == until:
+        run.progress.finished(record)
+        if step.label == run.until:
             break
-        _drop_unread(plan, number, state)
-    return records, state
+        _drop_unread(run.plan, number, state)
+    return records, _last_metrics(run, state)
+
+
+def _require_new_names(record: StepRecord, earlier: Iterable[StepRecord]) -> None:
+    """Require that no two steps write a file of the same name: both go into one directory."""
+    for other in earlier:
+        for name in sorted(set(record.files) & set(other.files)):
+            raise StageError(f"{record.label}: writes {name}, which {other.label} has written too; remove one of them")
 
 
 def _drop_unread(plan: Plan, number: int, state: _State) -> None:
@@ -159,21 +220,42 @@ def _drop_unread(plan: Plan, number: int, state: _State) -> None:
     state.values = {slot: value for slot, value in state.values.items() if slot in wanted}
 
 
-def _run_or_reuse(plan: Plan, step: Step, state: _State, store: Store, *, is_forced: bool) -> StepRecord:
-    key = _key(plan, step, state.hashes)
-    stored = None if is_forced else store.result(key)
+def _run_or_reuse(run: _Run, step: Step, state: _State) -> StepRecord:
+    key = _key(run.plan, step, state)
+    stored = None if step.label in run.forced else _stored(run, step, key)
     if stored is not None:
-        record = StepRecord(**{**stored, "warnings": tuple(stored["warnings"]), "label": step.label, "reused": True})
+        record = _reused(step, stored)
         state.values.pop(step.slot, None)
     else:
-        record, state.values[step.slot] = _run_step(plan, step, key, state, store)
-    state.hashes[step.slot] = record.output
+        record, state.values[step.slot] = _run_step(run, step, key, state)
+        run.forced.discard(step.label)
+    state.records[step.slot] = record
     return record
 
 
-def _value(slot: str, state: _State, store: Store) -> Artifact:
+def _stored(run: _Run, step: Step, key: str) -> dict[str, Any] | None:
+    try:
+        return run.store.result(key)
+    except DamagedStoreError as damage:
+        run.warn(f"{step.label}: {damage}; the stage is run again")
+        return None
+
+
+def _reused(step: Step, stored: Mapping[str, Any]) -> StepRecord:
+    """Return a stored record as one of this run, whose names of stage, slot and files may be others."""
+    record = StepRecord(**{**stored, "warnings": tuple(stored["warnings"])})
+    parameters = step.params.model_dump(mode="json")
+    return replace(record, label=step.label, slot=step.slot, parameters=parameters, reused=True)
+
+
+def _value(slot: str, run: _Run, state: _State) -> Artifact:
     if slot not in state.values:
-        state.values[slot] = store.load(state.hashes[slot])
+        record = state.records[slot]
+        try:
+            state.values[slot] = run.store.load(record.output)
+        except DamagedStoreError:
+            run.store.forget(record.key)
+            raise
     return state.values[slot]
 
 
@@ -183,7 +265,7 @@ def _input_files(step: Step) -> dict[str, str]:
     return {name: hash_file(path) for name, path in paths.items() if path is not None}
 
 
-def _key(plan: Plan, step: Step, hashes: Mapping[str, str]) -> str:
+def _key(plan: Plan, step: Step, state: _State) -> str:
     files = _input_files(step)
     parameters = {name: value for name, value in step.params.model_dump(mode="json").items() if name not in files}
     return hash_json(
@@ -193,47 +275,68 @@ def _key(plan: Plan, step: Step, hashes: Mapping[str, str]) -> str:
             "parameters": parameters,
             "files": files,
             "suffixes": {name: getattr(step.params, name).suffix for name in files},
-            "inputs": {argument: hashes[slot] for argument, slot in step.sources.items()},
+            "inputs": state.hashes(step),
+            "record": sorted(entry.name for entry in fields(StepRecord)),
             "seed": step.seed(plan.seed),
             "config": config_hash(plan) if "config_hash" in step.stage.engine_arguments else None,
         }
     )
 
 
-def _run_step(
-    plan: Plan, step: Step, key: str, state: _State, store: Store
-) -> tuple[StepRecord, Artifact]:
-    started = time.monotonic()
-    inputs = {argument: _value(slot, state, store) for argument, slot in step.sources.items()}
-    with TemporaryDirectory(dir=store.root, prefix=".out-") as folder, PeakMemory() as memory:
-        offered = {
-            "params": step.params,
-            "rng": np.random.default_rng(step.seed(plan.seed)),
-            "out": Path(folder),
-            "config_hash": config_hash(plan),
-        }
-        engine = {name: offered[name] for name in step.stage.engine_arguments}
+def _run_step(run: _Run, step: Step, key: str, state: _State) -> tuple[StepRecord, Artifact]:
+    started, input_files = time.monotonic(), _input_files(step)
+    inputs = {argument: _value(slot, run, state) for argument, slot in step.sources.items()}
+    with TemporaryDirectory(dir=run.store.root, prefix=OUT_PREFIX) as folder, PeakMemory() as memory:
+        engine = _engine_arguments(run.plan, step, Path(folder))
         output, messages = _call(step, {**inputs, **engine})
-        files = {path.name: store.save_file(path) for path in sorted(Path(folder).iterdir())}
-    record = StepRecord(
-        label=step.label,
-        stage=step.stage.name,
-        version=step.stage.version,
-        parameters=step.params.model_dump(mode="json"),
-        inputs={argument: state.hashes[slot] for argument, slot in step.sources.items()},
-        input_files=_input_files(step),
-        slot=step.slot,
-        key=key,
-        output=store.save(output),
-        seed=step.seed(plan.seed),
-        seconds=round(time.monotonic() - started, 3),
-        peak_memory_bytes=memory.peak,
-        summary=output.summary(),
-        warnings=messages,
-        files=files,
-    )
-    store.save_result(record.key, asdict(record))
+        files = _save_files(step, Path(folder), run.store)
+    if _input_files(step) != input_files:
+        raise StageError(f"{step.label}: a file that it reads was changed meanwhile; run again")
+    try:
+        record = StepRecord(
+            label=step.label,
+            stage=step.stage.name,
+            version=step.stage.version,
+            parameters=step.params.model_dump(mode="json"),
+            inputs=state.hashes(step),
+            input_files=input_files,
+            slot=step.slot,
+            key=key,
+            output=run.store.save(output),
+            seed=step.seed(run.plan.seed),
+            seconds=round(time.monotonic() - started, 3),
+            peak_memory_bytes=memory.peak,
+            summary=output.summary(),
+            warnings=messages,
+            files=files,
+        )
+        run.store.save_result(record.key, asdict(record))
+    except (TypeError, ValueError) as error:
+        got = type(output).__name__
+        raise StageDefinitionError(f"{step.label}: the facts of its {got} cannot be stored as JSON: {error}") from error
     return record, output
+
+
+def _engine_arguments(plan: Plan, step: Step, out: Path) -> dict[str, object]:
+    """Return what the engine gives to the stage beside its slots."""
+    offered: dict[str, Callable[[], object]] = {
+        "params": lambda: step.params,
+        "rng": lambda: np.random.default_rng(step.seed(plan.seed)),
+        "out": lambda: out,
+        "config_hash": lambda: config_hash(plan),
+    }
+    return {name: offered[name]() for name in step.stage.engine_arguments}
+
+
+def _save_files(step: Step, folder: Path, store: Store) -> dict[str, str]:
+    """Store what the stage left in its folder; return the hash of each file by name."""
+    files = {}
+    for path in sorted(folder.iterdir()):
+        if not path.is_file() or path.name in OWN_FILES or path.name.startswith("."):
+            rule = f"`out` may hold plain files, not called {', '.join(sorted(OWN_FILES))} or with a dot first"
+            raise StageDefinitionError(f"{step.label}: {rule}, got {path.name}")
+        files[path.name] = store.save_file(path)
+    return files
 
 
 def _call(step: Step, arguments: Mapping[str, object]) -> tuple[Artifact, tuple[str, ...]]:
@@ -247,7 +350,7 @@ def _call(step: Step, arguments: Mapping[str, object]) -> tuple[Artifact, tuple[
         except MemoryError as error:
             raise StageError(f"{step.label}: ran out of memory; use larger voxels or cells") from error
         except Exception as error:
-            kind = f"{type(error).__name__}: {error}"
+            kind = " ".join(f"{type(error).__name__}: {error}".split())
             raise StageError(f"{step.label}: failed unexpectedly: {kind}; --debug shows where") from error
     if not isinstance(output, step.stage.output):
         got, promised = type(output).__name__, step.stage.output.__name__
@@ -261,8 +364,9 @@ def _told_of(error: PipelineError, step: Step) -> PipelineError:
     return kind(f"{step.label}: {error}")
 
 
-def _last_metrics(plan: Plan, state: _State, store: Store) -> Metrics | None:
+def _last_metrics(run: _Run, state: _State) -> Metrics | None:
     """Return the metrics that were measured last, or None."""
-    slots = [step.slot for step in plan.steps if issubclass(step.stage.output, Metrics) and step.slot in state.hashes]
-    value = _value(slots[-1], state, store) if slots else None
+    measuring = [step.slot for step in run.plan.steps if issubclass(step.stage.output, Metrics)]
+    slots = [slot for slot in measuring if slot in state.records]
+    value = _value(slots[-1], run, state) if slots else None
     return value if isinstance(value, Metrics) else None

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 from scaffold_pipeline.catalogue import config_schema
-from scaffold_pipeline.errors import ConfigError, Fault, PipelineError, did_you_mean
+from scaffold_pipeline.errors import ConfigError, Fault, did_you_mean
 
 _SCHEMA_LINE = "# yaml-language-server: $schema=schema.json\n"
 
@@ -21,16 +21,18 @@ def examples() -> dict[str, Path]:
 def write_example(folder: Path, name: str) -> Path:
     """Write the example `name` as `folder/config.yaml`, with the schema that editors read; return its path.
 
-    Raises `ConfigError` for an unknown example and `PipelineError` where a config is there already.
+    Raises `ConfigError` for an unknown example, and where either file is there already.
     """
     known = examples()
     if name not in known:
         raise ConfigError([Fault(0, 0, f"no example is called {name!r}{did_you_mean(name, known)}", "--example")])
-    target = folder / "config.yaml"
-    if target.exists():
-        raise PipelineError(f"{target}: is there already; choose another folder, or remove it first")
+    target, schema = folder / "config.yaml", folder / "schema.json"
+    rule = "is there already; choose another folder, or remove it first"
+    there = [Fault(0, 0, rule, str(path)) for path in (target, schema) if path.exists()]
+    if there:
+        raise ConfigError(there)
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "schema.json").write_text(json.dumps(config_schema(), indent=2) + "\n", encoding="utf-8")
+    schema.write_text(json.dumps(config_schema(), indent=2) + "\n", encoding="utf-8")
     text = known[name].read_text(encoding="utf-8")
     body = text.split("\n", 1)[1] if text.startswith("# yaml-language-server") else text
     target.write_text(_SCHEMA_LINE + body, encoding="utf-8")

@@ -9,21 +9,23 @@ files a stage gave for one key. Everything is written to a temporary name and re
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
 from hashlib import sha256
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO
+from uuid import uuid4
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.errors import PipelineError
+
+OUT_PREFIX = ".out-"
+"""Begin of the names of the folders that stages write their files to."""
 
 
 class DamagedStoreError(PipelineError):
@@ -51,21 +53,13 @@ def hash_file(path: Path) -> str:
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Let `write` fill a temporary file beside `path` and rename it: `path` is complete or as it was."""
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=".partial-")
+    partial = path.with_name(f".partial-{uuid4().hex}")
     try:
-        with os.fdopen(handle, "wb") as stream:
+        with partial.open("xb") as stream:
             write(stream)
-        Path(name).chmod(0o666 & ~_umask())
-        os.replace(name, path)  # noqa: PTH105 - Path.replace is the same call under a name that suggests text
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 class Store:
@@ -73,10 +67,15 @@ class Store:
 
     def __init__(self, root: Path) -> None:
         self.root = root
+
+    def prepare(self) -> None:
+        """Make the store's folders and remove what a killed run left; only for whom the run directory is locked."""
         for name in ("arrays", "artifacts", "files", "results"):
-            (root / name).mkdir(parents=True, exist_ok=True)
-        for leftover in root.glob("*/.partial-*"):
+            (self.root / name).mkdir(parents=True, exist_ok=True)
+        for leftover in self.root.glob("*/.partial-*"):
             leftover.unlink(missing_ok=True)
+        for leftover in self.root.glob(f"{OUT_PREFIX}*"):
+            shutil.rmtree(leftover, ignore_errors=True)
 
     def save(self, artifact: Artifact) -> str:
         """Store an artifact and return its hash."""
@@ -88,13 +87,13 @@ class Store:
 
     def load(self, digest: str) -> Artifact:
         """Bring an artifact back; raises `DamagedStoreError` where it is not whole."""
+        manifest = self._read_manifest(digest)
         try:
-            manifest = json.loads(self._path("artifacts", digest).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise DamagedStoreError(f"stored artifact {digest[:12]} cannot be read") from error
-        if hash_json(manifest) != digest:
-            raise DamagedStoreError(f"stored artifact {digest[:12]} is not what was stored")
-        return self._restore(manifest)
+            return self._restore(manifest)
+        except DamagedStoreError:
+            raise
+        except (ImportError, AttributeError, TypeError, PipelineError) as error:  # its type is another one by now
+            raise DamagedStoreError(f"stored artifact {digest[:12]} cannot be made again ({error})") from error
 
     def save_file(self, path: Path) -> str:
         """Store a copy of a file and return its hash."""
@@ -105,24 +104,36 @@ class Store:
 
     def copy_file(self, digest: str, target: Path) -> None:
         """Write the stored file to `target`; raises `DamagedStoreError` where it is not whole."""
-        stored = self._path("files", digest)
-        if not stored.is_file() or hash_file(stored) != digest:
-            raise DamagedStoreError(f"stored file {digest[:12]} is missing or damaged")
-        shutil.copyfile(stored, target)
+        self._require_file(digest)
+        shutil.copyfile(self._path("files", digest), target)
 
     def result(self, key: str) -> dict[str, Any] | None:
-        """Return what was stored for `key`, or None where there is nothing whole."""
-        try:
-            stored = json.loads(self._path("results", key).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+        """Return what was stored for `key`, or None where nothing was.
+
+        Raises `DamagedStoreError` where it, its artifact or one of its files is not whole. Of arrays it is only
+        seen here whether they exist: they are hashed when they are loaded.
+        """
+        path = self._path("results", key)
+        if not path.exists():
             return None
-        has_output = self._path("artifacts", stored["output"]).exists()
-        has_files = all(self._path("files", digest).exists() for digest in stored["files"].values())
-        return cast("dict[str, Any]", stored) if has_output and has_files else None
+        try:
+            stored = json.loads(path.read_text(encoding="utf-8"))
+            result: dict[str, Any] = stored["result"]
+            is_whole = stored["sha256"] == hash_json(result)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise DamagedStoreError(f"stored result {key[:12]} cannot be read") from error
+        if not is_whole:
+            raise DamagedStoreError(f"stored result {key[:12]} is not what was stored")
+        for digest in _array_hashes(self._read_manifest(result["output"])):
+            if not self._path("arrays", digest).exists():
+                raise DamagedStoreError(f"stored array {digest[:12]} is missing")
+        for digest in result["files"].values():
+            self._require_file(digest)
+        return result
 
     def save_result(self, key: str, result: Mapping[str, Any]) -> None:
         """Store what a stage gave for `key`: at least `output` and `files`, which are in the store already."""
-        text = canonical_json(result).encode()
+        text = canonical_json({"result": result, "sha256": hash_json(result)}).encode()
         write_atomically(self._path("results", key), lambda stream: stream.write(text))
 
     def forget(self, key: str) -> None:
@@ -132,7 +143,7 @@ class Store:
     def keep_only(self, keys: Iterable[str]) -> None:
         """Drop every result but those of `keys`, and all that only the dropped ones needed."""
         kept = {key: result for key in keys if (result := self.result(key))}
-        manifests = [json.loads(self._path("artifacts", kept[key]["output"]).read_text()) for key in kept]
+        manifests = [self._read_manifest(result["output"]) for result in kept.values()]
         wanted = {
             "results": set(kept),
             "artifacts": {result["output"] for result in kept.values()},
@@ -143,6 +154,20 @@ class Store:
             for path in (self.root / folder).iterdir():
                 if path.name.partition(".")[0] not in names:
                     path.unlink(missing_ok=True)
+
+    def _read_manifest(self, digest: str) -> dict[str, Any]:
+        try:
+            manifest: dict[str, Any] = json.loads(self._path("artifacts", digest).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise DamagedStoreError(f"stored artifact {digest[:12]} cannot be read") from error
+        if hash_json(manifest) != digest:
+            raise DamagedStoreError(f"stored artifact {digest[:12]} is not what was stored")
+        return manifest
+
+    def _require_file(self, digest: str) -> None:
+        stored = self._path("files", digest)
+        if not stored.is_file() or hash_file(stored) != digest:
+            raise DamagedStoreError(f"stored file {digest[:12]} is missing or damaged")
 
     def _path(self, kind: str, digest: str) -> Path:
         suffix = {"arrays": ".npy", "artifacts": ".json", "files": "", "results": ".json"}[kind]
@@ -183,7 +208,7 @@ class Store:
     def _load_array(self, digest: str) -> NDArray[Any]:
         try:
             values: NDArray[Any] = np.load(self._path("arrays", digest), allow_pickle=False)
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, EOFError, SyntaxError) as error:  # all that a broken header can give
             raise DamagedStoreError(f"stored array {digest[:12]} cannot be read") from error
         if hash_array(values) != digest:
             raise DamagedStoreError(f"stored array {digest[:12]} is not what was stored")

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, SequenceNode
+from ruamel.yaml.reader import ReaderError
 
 from scaffold_pipeline.errors import ConfigError, Fault
 
@@ -19,6 +20,9 @@ Path: TypeAlias = tuple[str | int, ...]
 """Where a value stands in its document: ("stages", 2, "amount")."""
 
 FIRST_PLACE = (1, 1)
+
+_MOST_VALUES = 100_000
+"""More than any config holds: aliases of aliases can unfold to any number."""
 
 
 @dataclass(frozen=True)
@@ -50,20 +54,29 @@ def parse(text: str, source: str) -> Document:
         values = reader.load(StringIO(text))
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        line, column = (mark.line + 1, mark.column + 1) if mark else FIRST_PLACE
-        raise ConfigError([Fault(line, column, f"not valid YAML: {error.problem or error.context}", source)]) from error
+        place = (mark.line + 1, mark.column + 1) if mark else FIRST_PLACE
+        raise _not_yaml(error.problem or error.context, place, source) from error
+    except ReaderError as error:
+        before = text[: error.position]
+        place = before.count("\n") + 1, len(before) - before.rfind("\n")
+        raise _not_yaml(str(error).splitlines()[0], place, source) from error
     except (YAMLError, ValueError) as error:
-        raise ConfigError([Fault(*FIRST_PLACE, f"not valid YAML: {str(error).splitlines()[0]}", source)]) from error
+        raise _not_yaml(str(error).splitlines()[0], FIRST_PLACE, source) from error
     except RecursionError as error:
-        raise ConfigError([Fault(*FIRST_PLACE, "an alias refers to what it stands in; spell it out", source)]) from error
+        message = "an alias refers to what it stands in, or values are nested too deep; spell them out"
+        raise ConfigError([Fault(*FIRST_PLACE, message, source)]) from error
     return Document(source, values, places, tuple(repeated))
+
+
+def _not_yaml(problem: object, place: tuple[int, int], source: str) -> ConfigError:
+    return ConfigError([Fault(*place, f"not valid YAML: {problem}", source)])
 
 
 def parse_scalar(text: str) -> Any:  # noqa: ANN401 - YAML decides the type
     """Return the value that `text` has in YAML; text that is not YAML stays text."""
     try:
         return YAML(typ="safe", pure=True).load(StringIO(text))
-    except YAMLError:
+    except (YAMLError, ValueError):  # the latter for what looks like a date and is none
         return text
 
 
@@ -82,6 +95,8 @@ def _walk(
 ) -> None:
     if node is None:
         return
+    if len(places) > _MOST_VALUES:
+        raise ConfigError([Fault(*FIRST_PLACE, f"holds more than {_MOST_VALUES} values, aliases unfolded", source)])
     places.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
     if isinstance(node, SequenceNode):
         for index, child in enumerate(node.value):

@@ -9,6 +9,7 @@ from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface
 from scaffold_pipeline.contract import Millimetres, Params, Share, stage
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.isolation import Arrays, call_in_child
+from scaffold_stages._kernels.triangles import drop_unreferenced, face_pieces, flat_faces, piece_volumes
 
 TIME_LIMIT = 1800.0
 """Seconds; five million triangles take under a minute."""
@@ -17,8 +18,13 @@ _TAUBIN = {"lambda_": 0.5, "mu": -0.53}
 """Taubin, "A signal processing approach to fair surface design" (1995): shrink, then swell a little more."""
 
 _VOLUME_STEPS = 4
-_NEEDED_FILTER = "meshing_isotropic_explicit_remeshing"
-"""MeshLab's filters come as plug-ins; this one is missing where their system libraries are."""
+_SMOOTHING_FILTER = "apply_coord_taubin_smoothing"
+_REMEDY = "install the system's OpenGL libraries (Debian, Ubuntu: apt-get install libgl1 libopengl0)"
+
+_FIRST_SHARE = 0.6
+"""Share of the distance allowed that the first simplification gets: merges add up to as much as 1.5 times theirs."""
+
+_SIMPLIFICATIONS = 6
 
 
 class CleanSurfaceParams(Params):
@@ -34,61 +40,100 @@ class CleanSurfaceParams(Params):
     """Triangles are merged where the surface moves by no more than this; 0 keeps them all."""
 
 
-@stage(writes="porous", version=1)
+@stage(writes="porous", version=2)
 def clean_surface(porous: IsoSurface, *, params: CleanSurfaceParams) -> IsoSurface:
-    """Remove flat triangles and floating pieces; smooth at constant volume; simplify to an error in mm.
+    """Remove floating pieces and flat triangles; smooth at constant volume; simplify to an error in mm.
 
-    Raises `StageError` where MeshLab's libraries are missing or the cleaned surface is no longer closed.
+    Smoothing comes first: it counts on triangles as even as those of the grid. Raises `StageError` where MeshLab's
+    libraries are missing or the surface is not closed.
     """
-    from scaffold_stages._kernels.solids import from_body, simplified, to_body
-    from scaffold_stages._kernels.triangles import drop_unreferenced
-
     kept, facts = _without_crumbs(porous, params.min_piece)
-    vertices, faces = drop_unreferenced(porous.vertices, kept)
-    answer = call_in_child(
-        clean_with_meshlab,
-        {"vertices": vertices, "faces": faces},
-        {"smoothing": params.smoothing},
-        seconds=TIME_LIMIT,
-        about=f"cleaning a surface of {len(faces)} triangles; try it without smoothing",
-    )
-    facts["flat_triangles_removed"] = len(faces) - len(answer["faces"])
-    vertices, faces = _at_volume_of(porous.vertices, kept, answer["vertices"], answer["faces"])
-    body = to_body(vertices, faces, "cleaned surface")
+    vertices, faces = _without_flats(*drop_unreferenced(porous.vertices, kept))
+    facts["flat_triangles_removed"] = len(kept) - len(faces)
+    if params.smoothing:
+        vertices = _smoothed(vertices, faces, params.smoothing)
     if params.simplify > 0.0:
-        vertices, faces = from_body(simplified(body, params.simplify))
-        facts["triangles_merged"] = len(answer["faces"]) - len(faces)
+        count = len(faces)
+        vertices, faces, facts["simplification_error"] = _simplified(vertices, faces, params.simplify)
+        facts["triangles_merged"] = count - len(faces)
     return IsoSurface(vertices, faces, porous.iso, porous.porosity_requested, porous.skin, {**porous.facts, **facts})
 
 
 def _without_crumbs(porous: IsoSurface, min_piece: float) -> tuple[Ints, dict[str, Fact]]:
     """Return the faces of the shells that are large enough, and what was left out."""
-    from scaffold_stages._kernels.triangles import face_pieces, piece_volumes
-
     pieces = face_pieces(porous.faces)
     volumes = piece_volumes(porous.vertices, porous.faces, pieces)
     least = min_piece * float(volumes[volumes > 0.0].sum())
-    small = np.abs(volumes) < least
+    small, solid = np.abs(volumes) < least, volumes > 0.0
+    if small[solid].all():
+        raise StageError(
+            f"min_piece {min_piece:g}: every one of {int(solid.sum())} pieces is smaller, the greatest has "
+            f"{volumes.max() / volumes[solid].sum():.3g} of the volume; lower it"
+        )
     facts: dict[str, Fact] = {
-        "floating_pieces_removed": int((small & (volumes > 0.0)).sum()),
-        "floating_volume_removed_mm3": float(volumes[small & (volumes > 0.0)].sum()),
-        "closed_pores_filled": int((small & (volumes <= 0.0)).sum()),
-        "closed_pore_volume_filled_mm3": float(-volumes[small & (volumes <= 0.0)].sum()),
+        "floating_pieces_removed": int((small & solid).sum()),
+        "floating_volume_removed_mm3": float(volumes[small & solid].sum()),
+        "closed_pores_filled": int((small & ~solid).sum()),
+        "closed_pore_volume_filled_mm3": float(-volumes[small & ~solid].sum()),
     }
     return porous.faces[~small[pieces]], facts
 
 
-def _at_volume_of(
-    old_vertices: Floats, old_faces: Ints, vertices: Floats, faces: Ints
-) -> tuple[Floats, Ints]:
+def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Return the surface with an edge of each flat triangle collapsed: taking the triangle out would open a hole."""
+    from scaffold_stages._kernels.solids import from_body, simplified, to_body
+
+    body = to_body(vertices, faces, "surface to clean")
+    if not flat_faces(vertices, faces).any():
+        return vertices, faces
+    return from_body(simplified(body, 0.0))
+
+
+def _smoothed(vertices: Floats, faces: Ints, steps: int) -> Floats:
+    answer = call_in_child(
+        smooth_with_meshlab,
+        {"vertices": vertices, "faces": faces},
+        {"steps": steps},
+        seconds=TIME_LIMIT,
+        about=f"smoothing a surface of {len(faces)} triangles; try it without smoothing",
+    )
+    return _at_volume_of(vertices, answer["vertices"], faces)
+
+
+def _simplified(vertices: Floats, faces: Ints, error: float) -> tuple[Floats, Ints, float]:
+    """Return the surface with fewer triangles, and how far the two surfaces lie apart: no more than `error` mm."""
+    from scaffold_stages._kernels.solids import from_body, simplified, to_body
+
+    body, allowed = to_body(vertices, faces, "surface to simplify"), _FIRST_SHARE * error
+    for _ in range(_SIMPLIFICATIONS):
+        fewer_vertices, fewer_faces = from_body(simplified(body, allowed))
+        apart = _distance(vertices, faces, fewer_vertices, fewer_faces)
+        if apart <= error:
+            return fewer_vertices, fewer_faces, apart
+        allowed *= 0.9 * error / apart
+    return vertices, faces, 0.0
+
+
+def _distance(vertices: Floats, faces: Ints, other_vertices: Floats, other_faces: Ints) -> float:
+    """Return the greatest distance of the vertices and face centres of either surface from the other, mm."""
+    import igl
+
+    points = np.concatenate([vertices, vertices[faces].mean(axis=1)])
+    other_points = np.concatenate([other_vertices, other_vertices[other_faces].mean(axis=1)])
+    there, _, _ = igl.point_mesh_squared_distance(points, other_vertices, other_faces)
+    back, _, _ = igl.point_mesh_squared_distance(other_points, vertices, faces)
+    return float(np.sqrt(max(there.max(), back.max())))
+
+
+def _at_volume_of(old: Floats, vertices: Floats, faces: Ints) -> Floats:
     """Move a smoothed surface along its normals until it encloses the volume that it had."""
-    wanted, _ = _volume_and_area(old_vertices, old_faces)
+    wanted, _ = _volume_and_area(old, faces)
     for _ in range(_VOLUME_STEPS):
         volume, area = _volume_and_area(vertices, faces)
         if abs(volume - wanted) <= 1e-6 * abs(wanted):
             break
         vertices = vertices + (wanted - volume) / area * _normals(vertices, faces)
-    return vertices, faces
+    return vertices
 
 
 def _volume_and_area(vertices: Floats, faces: Ints) -> tuple[float, float]:
@@ -107,23 +152,15 @@ def _normals(vertices: Floats, faces: Ints) -> Floats:
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), np.finfo(float).tiny))
 
 
-def clean_with_meshlab(vertices: Floats, faces: Ints, smoothing: int) -> Arrays:
-    """Return the surface without flat and repeated triangles, smoothed; runs in a child process."""
+def smooth_with_meshlab(vertices: Floats, faces: Ints, steps: int) -> Arrays:
+    """Return the smoothed `vertices` (n, 3); runs in a child process."""
     try:
         import pymeshlab
     except ImportError as error:
         raise StageError(f"pymeshlab cannot be loaded ({error}): {_REMEDY}") from error
-    if _NEEDED_FILTER not in pymeshlab.filter_list():
-        raise StageError(f"pymeshlab came up without many of its filters: {_REMEDY}")
+    if _SMOOTHING_FILTER not in pymeshlab.filter_list():
+        raise StageError(f"pymeshlab came up without its filter {_SMOOTHING_FILTER}: {_REMEDY}")
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
-    meshes.apply_filter("meshing_remove_duplicate_faces")
-    meshes.apply_filter("meshing_remove_null_faces")
-    meshes.apply_filter("meshing_remove_unreferenced_vertices")
-    if smoothing:
-        meshes.apply_filter("apply_coord_taubin_smoothing", stepsmoothnum=smoothing, selected=False, **_TAUBIN)
-    cleaned = meshes.current_mesh()
-    return {"vertices": cleaned.vertex_matrix(), "faces": cleaned.face_matrix().astype(np.int64)}
-
-
-_REMEDY = "install the system's OpenGL libraries (Debian, Ubuntu: apt-get install libgl1 libopengl0)"
+    meshes.apply_filter(_SMOOTHING_FILTER, stepsmoothnum=steps, selected=False, **_TAUBIN)
+    return {"vertices": meshes.current_mesh().vertex_matrix()}

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface, OuterShape, ScalarField
 from scaffold_pipeline.contract import Follows, Millimetres, Params, Share, stage
-from scaffold_pipeline.errors import StageError
-from scaffold_stages._kernels.contours import inward_offset, iso_surface
+from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_stages._kernels.contours import iso_surface
 from scaffold_stages._kernels.grids import samples_inside
-
-if TYPE_CHECKING:
-    from scaffold_stages._kernels.solids import Body
 
 TOLERANCE = 1e-3
 """How near the clipped solid's porosity must come: a fifth of what the written file may be off."""
 
-ROUNDS = 8
+ROUNDS = 12
 
 
 class IsosurfaceParams(Params):
@@ -35,6 +34,11 @@ class IsosurfaceParams(Params):
     skin: Annotated[Millimetres, Follows("intersect_outer", "skin")] = Field(default=0.0, ge=0.0)
     """Thickness of the shell that `intersect_outer` will keep: counted as solid in meeting the porosity."""
 
+    min_closed_pore: Annotated[Share, Follows("intersect_outer", "min_closed_pore")] = Field(
+        default=0.001, ge=0.0, le=1.0
+    )
+    """Closed pores below this share of the pore volume, which `intersect_outer` fills: counted as solid too."""
+
     @model_validator(mode="after")
     def _one_target(self) -> IsosurfaceParams:
         if (self.porosity is None) == (self.iso is None):
@@ -42,82 +46,116 @@ class IsosurfaceParams(Params):
         return self
 
 
-@stage(writes="porous", version=1)
+@stage(writes="porous", version=2)
 def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParams) -> IsoSurface:
     """Extract the closed surface of {field > iso}; a porosity is solved for on the volume of the clipped solid.
 
-    Raises `StageError` where no surface exists at the iso, or no iso gives the porosity.
+    Raises `StageError` where there is no surface at the iso, or the skin leaves no room for the porosity. Where no iso
+    gives the porosity the nearest is taken, with a warning.
     """
     inside = samples_inside(outer.vertices, outer.faces, field.origin, field.spacing, field.values.shape)
     samples = np.sort(field.values[inside])
     if not len(samples) or samples[0] == samples[-1]:
         raise StageError("the field is the same everywhere inside the outer shape: it has no iso-surface")
-    if params.iso is not None:
-        vertices, faces = _surface(field, params.iso, samples)
-        return IsoSurface(vertices, faces, iso=params.iso, skin=params.skin)
-    return _at_porosity(field, outer, samples, params.porosity or 0.0, params.skin)
-
-
-def _surface(field: ScalarField, iso: float, samples: Floats) -> tuple[Floats, Ints]:
-    vertices, faces = iso_surface(field.values, iso, field.origin, field.spacing)
-    if not len(faces):
-        low, high = float(samples[0]), float(samples[-1])
-        raise StageError(f"iso {iso:g}: no surface; inside the outer shape the field runs from {low:.3g} to {high:.3g}")
-    return vertices, faces
+    if params.iso is None:
+        return _at_porosity(_Search(field, outer, samples, params))
+    if not samples[0] <= params.iso < samples[-1]:
+        raise StageError(
+            f"iso {params.iso:g}: no surface inside the outer shape, where the field runs from {samples[0]:.4g} to "
+            f"{samples[-1]:.4g}; choose a value between"
+        )
+    vertices, faces = iso_surface(field.values, params.iso, field.origin, field.spacing)
+    return IsoSurface(vertices, faces, iso=params.iso, skin=params.skin)
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """One iso tried: the share of samples below it, its surface, and the porosity that its solid has."""
+    """One iso tried: the share of samples at or below it, its surface, and the porosity that its solid has."""
 
     share: float
+    porosity: float
     iso: float
     vertices: Floats
     faces: Ints
-    porosity: float
 
 
-def _at_porosity(field: ScalarField, outer: OuterShape, samples: Floats, porosity: float, skin: float) -> IsoSurface:
-    """Search in the share of samples below the iso, in which porosity is nearly linear, by regula falsi."""
-    from scaffold_stages._kernels.solids import to_body
+class _Search:
+    """What a porosity is a function of: tries an iso by its share of samples, in which porosity is nearly linear."""
 
-    shape = to_body(outer.vertices, outer.faces, "outer shape")
-    core = _core(outer, skin, porosity)
-    pores = (shape if core is None else core).volume() / shape.volume()
-    low, high = (0.0, 0.0), (1.0, pores)
-    share = porosity / pores
-    if not 0.0 < share < 1.0:
-        raise StageError(f"porosity {porosity:g}: a skin of {skin:g} mm leaves at most {pores:.3f}; lower one of them")
-    for rounds in range(1, ROUNDS + 1):
-        trial = _try(field, samples, share, shape, core)
-        if abs(trial.porosity - porosity) <= TOLERANCE:
-            facts: dict[str, Fact] = {"porosity_solved": trial.porosity, "rounds": rounds}
-            return IsoSurface(trial.vertices, trial.faces, trial.iso, porosity, skin, facts)
-        low, high = (low, (share, trial.porosity)) if trial.porosity > porosity else ((share, trial.porosity), high)
-        share = low[0] + (high[0] - low[0]) * (porosity - low[1]) / (high[1] - low[1])
-    raise StageError(
-        f"porosity {porosity:g}: after {ROUNDS} rounds the solid has {trial.porosity:.4f} at iso {trial.iso:.4g}; the "
-        "pores are too coarse for the voxels: lower voxel_size"
-    )
+    def __init__(
+        self, field: ScalarField, outer: OuterShape, samples: NDArray[np.float32], params: IsosurfaceParams
+    ) -> None:
+        from scaffold_stages._kernels.solids import core_under, to_body
 
+        self.field, self.samples = field, samples
+        self.porosity, self.skin, self.min_closed_pore = params.porosity or 0.0, params.skin, params.min_closed_pore
+        self.shape = to_body(outer.vertices, outer.faces, "outer shape")
+        self.core = core_under(outer.vertices, outer.faces, params.skin)
+        self.greatest = (self.shape if self.core is None else self.core).volume() / self.shape.volume()
 
-def _core(outer: OuterShape, skin: float, porosity: float) -> Body | None:
-    from scaffold_stages._kernels.solids import to_body
+    def at(self, share: float) -> _Trial:
+        """Try an iso: clip its surface and measure what `intersect_outer` will keep of it."""
+        from scaffold_stages._kernels.solids import clipped, main_piece, shells_of, to_body
 
-    if skin == 0.0:
-        return None
-    vertices, faces = inward_offset(outer.vertices, outer.faces, skin)
-    if not len(faces):
-        raise StageError(f"skin {skin:g} mm: the outer shape is nowhere so thick, so porosity {porosity:g} has no room")
-    return to_body(vertices, faces, f"inward offset by {skin:g} mm")
+        iso = float(self.samples[min(int(share * len(self.samples)), len(self.samples) - 1)])
+        iso = min(iso, float(np.nextafter(self.samples[-1], self.samples[0])))  # some sample stays above it
+        vertices, faces = iso_surface(self.field.values, iso, self.field.origin, self.field.spacing)
+        solid, _ = clipped(to_body(vertices, faces, f"iso-surface at {iso:.4g}"), self.shape, self.core)
+        volume = self.shape.volume()
+        least = self.min_closed_pore * (volume - solid.volume())
+        kept = 0.0 if solid.is_empty() else main_piece(shells_of(solid), least).volume
+        return _Trial(share, 1.0 - kept / volume, iso, vertices, faces)
 
 
-def _try(field: ScalarField, samples: Floats, share: float, shape: Body, core: Body | None) -> _Trial:
-    from scaffold_stages._kernels.solids import clipped, shells_of, to_body
+@dataclass
+class _Bracket:
+    """The root's bracket: on either side a share and by how much the porosity misses there, narrowed by Illinois.
 
-    iso = float(np.quantile(samples, share))
-    vertices, faces = _surface(field, iso, samples)
-    solid, _ = clipped(to_body(vertices, faces, f"iso-surface at {iso:.4g}"), shape, core)
-    pieces = shells_of(solid).pieces
-    kept = pieces[0].volume() if pieces else 0.0
-    return _Trial(share, iso, vertices, faces, 1.0 - kept / shape.volume())
+    Dowell and Jarratt, "A modified regula falsi method for computing the root of an equation", BIT 11 (1971).
+    """
+
+    below: float
+    above: float
+    low: float = 0.0
+    high: float = 1.0
+    last: float = 0.0
+
+    def guess(self) -> float:
+        """Return where the line between the two sides meets zero."""
+        return self.low - self.below * (self.high - self.low) / (self.above - self.below)
+
+    def narrow(self, share: float, miss: float) -> None:
+        """Take in what was found; a side that stays twice running counts for half, or it would stay for ever."""
+        is_repeated = miss * self.last > 0.0
+        if miss > 0.0:
+            self.high, self.above = share, miss
+            self.below /= 2.0 if is_repeated else 1.0
+        else:
+            self.low, self.below = share, miss
+            self.above /= 2.0 if is_repeated else 1.0
+        self.last = miss
+
+
+def _at_porosity(search: _Search) -> IsoSurface:
+    """Find the iso of a porosity between no pore and nothing but pores."""
+    wanted = search.porosity
+    if not wanted < search.greatest:
+        raise StageError(
+            f"porosity {wanted:g}: a skin of {search.skin:g} mm leaves at most {search.greatest:.3f}; lower one of them"
+        )
+    bracket = _Bracket(-wanted, search.greatest - wanted)
+    best, rounds = search.at(bracket.guess()), 1
+    bracket.narrow(best.share, best.porosity - wanted)
+    while abs(best.porosity - wanted) > TOLERANCE and rounds < ROUNDS:
+        trial, rounds = search.at(bracket.guess()), rounds + 1
+        bracket.narrow(trial.share, trial.porosity - wanted)
+        best = min(best, trial, key=lambda one: abs(one.porosity - wanted))
+    if abs(best.porosity - wanted) > TOLERANCE:
+        warnings.warn(
+            f"porosity {wanted:g}: no iso gives it; the nearest found has {best.porosity:.4f} at iso {best.iso:.4g}, "
+            "as pores close or pieces come off all at once there; ask for another porosity, or lower voxel_size",
+            PipelineWarning,
+            stacklevel=2,
+        )
+    facts: dict[str, Fact] = {"porosity_solved": best.porosity, "rounds": rounds}
+    return IsoSurface(best.vertices, best.faces, best.iso, wanted, search.skin, facts)

@@ -47,7 +47,7 @@ class MeasureParams(Params):
     """Whether an iso outside the field's certified window fails."""
 
 
-@stage(writes="metrics", version=1)
+@stage(writes="metrics", version=2)
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -119,16 +119,16 @@ def _failed_gates(values: dict[str, Fact], params: MeasureParams) -> Iterator[st
 
 
 def _failed_shares(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
-    connected, porosity = float(values["pore_largest_fraction"] or 0.0), float(values["porosity"] or 0.0)
+    connected, porosity = _number(values["pore_largest_fraction"]), _number(values["porosity"])
     if params.gate_pores_connected and connected < params.least_connected_pores:
         yield (
             f"pores_connected: {connected:.4f} of the pore volume hangs together, at least "
             f"{params.least_connected_pores:g} is asked for; raise porosity or use smaller voxels"
         )
     asked = values["porosity_requested"]
-    if params.gate_porosity and asked is not None and abs(porosity - float(asked)) > params.porosity_tolerance:
+    if params.gate_porosity and asked is not None and abs(porosity - _number(asked)) > params.porosity_tolerance:
         yield (
-            f"porosity: {porosity:.4f} differs from the {float(asked):g} asked for by more than "
+            f"porosity: {porosity:.4f} differs from the {_number(asked):g} asked for by more than "
             f"{params.porosity_tolerance:g}; less smoothing or smaller voxels bring it nearer"
         )
 
@@ -136,7 +136,7 @@ def _failed_shares(values: dict[str, Fact], params: MeasureParams) -> Iterator[s
 def _failed_certificate(values: dict[str, Fact]) -> Iterator[str]:
     if values.get("channel_max") is None:
         return
-    iso, low, high = (float(values[name] or 0.0) for name in ("iso", "channel_max", "strut_min"))
+    iso, low, high = (_number(values[name]) for name in ("iso", "channel_max", "strut_min"))
     if iso <= low:
         yield (
             f"certificate: iso {iso:.4f} is {low - iso:.4f} below channel_max: {values['channels_closed']} of "
@@ -147,3 +147,7 @@ def _failed_certificate(values: dict[str, Fact]) -> Iterator[str]:
             f"certificate: iso {iso:.4f} is {iso - high:.4f} above strut_min: {values['struts_broken']} of "
             f"{values['struts']} struts may be broken; lower porosity, or lower c"
         )
+
+
+def _number(fact: Fact) -> float:
+    return float(fact) if isinstance(fact, int | float) else 0.0

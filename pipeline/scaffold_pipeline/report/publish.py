@@ -12,9 +12,10 @@ import platform
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
+from shutil import rmtree
 from tempfile import TemporaryDirectory
 from typing import Any
 
@@ -24,17 +25,19 @@ from scaffold_pipeline import __version__
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.plan import Plan
 from scaffold_pipeline.report.page import render_page
-from scaffold_pipeline.runner import STORE, RunResult, config_hash
+from scaffold_pipeline.runner import STORE, RunResult, config_hash, locked
 from scaffold_pipeline.store import Store, hash_file
 from scaffold_pipeline.yaml_source import to_yaml
 
 RECORD = "run.json"
 
+_STAGING = ".publish-"
+
 
 def publish(plan: Plan, result: RunResult, out: Path) -> dict[str, Any]:
     """Write all files of a complete run into `out` and return its record."""
     store = Store(out / STORE)
-    with TemporaryDirectory(dir=out, prefix=".publish-") as folder:
+    with locked(out), _staging(out) as folder:
         staging = Path(folder)
         for name, digest in result.files.items():
             store.copy_file(digest, staging / name)
@@ -52,6 +55,13 @@ def publish(plan: Plan, result: RunResult, out: Path) -> dict[str, Any]:
     return record
 
 
+def _staging(out: Path) -> TemporaryDirectory[str]:
+    """Return a new folder beside the files of `out`, where what a killed run left of one is removed."""
+    for leftover in out.glob(f"{_STAGING}*"):
+        rmtree(leftover, ignore_errors=True)
+    return TemporaryDirectory(dir=out, prefix=_STAGING)
+
+
 def run_metrics(result: RunResult) -> dict[str, Fact]:
     """Return the flat metrics of a run: what `measure` found, the time and the memory that it took."""
     measured = result.metrics.summary() if result.metrics else {"quality": "not measured"}
@@ -61,12 +71,12 @@ def run_metrics(result: RunResult) -> dict[str, Fact]:
 
 
 def _record(plan: Plan, result: RunResult, staging: Path) -> dict[str, Any]:
-    warnings = [f"{step.label}: {message}" for step in result.steps for message in step.warnings]
+    warnings = [*result.warnings, *(f"{step.label}: {message}" for step in result.steps for message in step.warnings)]
     metrics = run_metrics(result)
     return {
         "name": plan.name,
         "seed": plan.seed,
-        "finished": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "finished": datetime.now(UTC).isoformat(timespec="seconds"),
         "quality": metrics["quality"],
         "seconds": metrics["seconds"],
         "peak_memory_bytes": metrics["peak_memory_bytes"],
@@ -104,16 +114,18 @@ def _write_json(path: Path, value: Mapping[str, Any]) -> None:
 
 
 def _replace(out: Path, staging: Path, record: Mapping[str, Any]) -> None:
-    """Rename the staged files over those of `out`, the record last, and drop what an earlier record alone names."""
+    """Rename the staged files over those of `out`, drop what an earlier record alone names, the record last."""
     stale = _recorded_files(out) - set(record["files"])
-    for name in [*record["files"], RECORD]:
+    for name in record["files"]:
         (staging / name).replace(out / name)
     for name in stale:
         (out / name).unlink(missing_ok=True)
+    (staging / RECORD).replace(out / RECORD)
 
 
 def _recorded_files(out: Path) -> set[str]:
-    with suppress(OSError, ValueError, KeyError, AttributeError):
+    """Return the names of the files of `out` that its record names; none where there is no sound record."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
         earlier = json.loads((out / RECORD).read_text(encoding="utf-8"))["files"]
-        return {name for name in earlier if Path(name).name == name}
+        return {name for name in earlier if Path(name).name == name and (out / name).is_file()}
     return set()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_stages._kernels.grids import grid_over, samples_inside
+from scaffold_stages._kernels.grids import grid_over, grown, samples_inside
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -23,11 +23,12 @@ def iso_surface(values: NDArray[np.float32], iso: float, origin: Floats, spacing
 
     Flying edges (Schroeder, Maynard, Geveci, LDAV 2015), normals outward. Both arrays are empty where there is none.
     """
-    padded = np.pad(values, 1, constant_values=min(float(values.min()), iso) - 1.0)
-    padded -= np.float32(iso)
-    steps = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(3))
-    least = np.float32(_NUDGE * max(steps, np.finfo(np.float32).tiny))
-    np.copyto(padded, np.where(padded > 0.0, least, -least), where=np.abs(padded) < least)
+    changes = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(3))
+    step = np.float32(changes or max(1.0, abs(iso)))
+    # void just as far below the iso as samples differ anyway: farther, it would draw the cap onto the samples
+    padded = np.pad(values - np.float32(iso), 1, constant_values=-step)
+    near = np.abs(padded) < np.float32(_NUDGE) * step
+    padded[near] = np.where(padded[near] > 0.0, step, -step) * np.float32(_NUDGE)
     vertices, faces = _flying_edges(padded, 0.0)
     return vertices * spacing + (origin - spacing), faces
 
@@ -56,9 +57,10 @@ def _flying_edges(samples: NDArray[np.float32], level: float) -> tuple[Floats, I
 
 
 def inward_offset(vertices: Floats, faces: Ints, depth: float) -> tuple[Floats, Ints]:
-    """Return the surface `depth` mm inside a closed one: the exact distance, contoured on a grid of half the depth.
+    """Return the surface `depth` mm inside a closed one: the exact distance, contoured on a grid.
 
-    Both arrays are empty where no point lies so deep.
+    The grid's spacing is half the depth, within a hundredth to a six hundredth of the diagonal. Both arrays are empty
+    where no point lies so deep.
     """
     import igl
     from scipy.ndimage import distance_transform_edt
@@ -69,7 +71,7 @@ def inward_offset(vertices: Floats, faces: Ints, depth: float) -> tuple[Floats, 
     origin, shape = grid_over(bounds, spacing, 2)
     inside = samples_inside(vertices, faces, origin, spacing, shape)
     depths = distance_transform_edt(inside).astype(np.float32) * np.float32(spacing)
-    near = np.argwhere(np.abs(depths - depth) < _BAND * spacing)
+    near = np.argwhere((np.abs(depths - depth) < _BAND * spacing) & grown(inside, 1))
     squared, _, _ = igl.point_mesh_squared_distance(origin + spacing * near, vertices, faces)
     exact = np.sqrt(squared) * np.where(inside[tuple(near.T)], 1.0, -1.0)
     depths[tuple(near.T)] = exact

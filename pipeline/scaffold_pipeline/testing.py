@@ -1,0 +1,108 @@
+"""The contract of a stage as a test: call `check_stage` on each of your stages, as we do on ours.
+
+@pytest.mark.parametrize("name", ["my_stage"])
+def test_the_stage_keeps_the_contract(name: str):
+    check_stage(name)
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import subprocess
+import sys
+import typing
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import ValidationError
+
+from scaffold_pipeline.contract import Stage, Unit
+from scaffold_pipeline.errors import StageDefinitionError
+from scaffold_pipeline.registry import load_stage
+
+SLOW_TO_IMPORT = (
+    *("igl", "lib3mf", "manifold3d", "matplotlib", "numba", "pymeshlab", "pytetwild", "pyvista"),
+    *("scipy", "skimage", "torch", "trimesh", "vtk", "vtkmodules"),
+)
+"""What a stage imports inside its function only, so that listing the stages and checking a config stay quick."""
+
+_CONFIG_WORDS = frozenset({"use", "as", "from"})
+_BY_KEYWORD = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+
+
+def check_stage(name: str) -> None:
+    """Require that the installed stage `name` keeps the contract of `scaffold_pipeline.contract`.
+
+    Raises `LookupError` where no such stage is installed, and `StageDefinitionError` with a line for each rule
+    that it breaks.
+    """
+    stage = load_stage(name)
+    faults = [*_function_faults(stage), *_parameter_faults(stage), *_import_faults(stage)]
+    if faults:
+        raise StageDefinitionError("\n".join(f"stage {name!r}: {fault}" for fault in faults))
+
+
+def _function_faults(stage: Stage) -> Iterator[str]:
+    if not (stage.summary[:1].isupper() and stage.summary.endswith(".")):
+        yield f"the first line of its docstring must be a sentence, got {stage.summary!r}"
+    if not stage.writes.isidentifier() or not stage.writes.islower():
+        yield f"writes: a slot is named by lower-case letters, digits and underscores, got {stage.writes!r}"
+    if stage.version < 1:
+        yield f"version: counts from 1, got {stage.version}"
+    for argument in inspect.signature(stage.function).parameters.values():
+        if argument.kind not in _BY_KEYWORD:
+            yield f"argument {argument.name!r} must be one that can be given by keyword"
+
+
+def _parameter_faults(stage: Stage) -> Iterator[str]:
+    params = stage.params
+    if not params.model_config.get("frozen") or params.model_config.get("extra") != "forbid":
+        yield f"{params.__name__} must stay frozen and forbid what it does not know"
+    units = params.marked(Unit)
+    for name, info in params.model_fields.items():
+        if name in _CONFIG_WORDS:
+            yield f"parameter {name!r} has the name of a word of the config; rename it"
+        if not info.description:
+            yield f"parameter {name!r} needs a docstring"
+        if name not in units and _has_float(info.annotation):
+            yield f"parameter {name!r} needs a Unit, as in Annotated[float, Unit('mm')]"
+    yield from _default_faults(stage)
+    try:
+        json.dumps(params.model_json_schema())
+    except Exception as error:  # noqa: BLE001 - whatever a plug-in's own types raise
+        yield f"{params.__name__} has no JSON schema: {error}"
+
+
+def _has_float(annotation: object) -> bool:
+    return annotation is float or any(_has_float(part) for part in typing.get_args(annotation))
+
+
+def _default_faults(stage: Stage) -> Iterator[str]:
+    """Yield the defaults that the parameters' own rules refuse; what is required may be missing."""
+    infos = stage.params.model_fields.items()
+    defaults: dict[str, Any] = {
+        name: info.get_default(call_default_factory=True, validated_data={})
+        for name, info in infos
+        if not info.is_required()
+    }
+    try:
+        stage.params.model_validate(defaults)
+    except ValidationError as error:
+        for detail in error.errors(include_url=False):
+            place = detail["loc"][0] if detail["loc"] else None
+            if place in defaults:
+                yield f"parameter {place!r}: its default {defaults[str(place)]!r} is refused: {detail['msg']}"
+
+
+def _import_faults(stage: Stage) -> Iterator[str]:
+    """Yield what is wrong with importing the stage's module alone, in a fresh interpreter."""
+    module = stage.function.__module__
+    code = "import importlib, sys; importlib.import_module(sys.argv[1]); print(*sys.modules)"
+    told = subprocess.run([sys.executable, "-c", code, module], capture_output=True, text=True, check=False)
+    if told.returncode:
+        yield f"{module} cannot be imported alone: {told.stderr.strip().splitlines()[-1]}"
+        return
+    slow = sorted({name.partition(".")[0] for name in told.stdout.split()} & set(SLOW_TO_IMPORT))
+    if slow:
+        yield f"importing {module} imports {', '.join(slow)}; import them inside the stage's function"

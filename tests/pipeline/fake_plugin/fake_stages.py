@@ -1,0 +1,196 @@
+"""Stages of an installed plug-in that need no geometry: what the engine's tests run."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from scaffold_pipeline.artifacts import Artifact, Fact, Floats, Metrics
+from scaffold_pipeline.contract import Follows, InputFile, Millimetres, Params, Unit, stage
+from scaffold_pipeline.errors import PipelineWarning, StageError
+
+
+@dataclass(frozen=True, eq=False)
+class Points(Artifact):
+    """Points in space, `places` (n, 3) mm."""
+
+    places: Floats
+
+    def __post_init__(self) -> None:
+        self._own("places", np.float64, (None, 3))
+        super().__post_init__()
+
+    def summary(self) -> dict[str, Fact]:
+        return {"points": len(self.places), "reach": float(np.abs(self.places).max(initial=0.0))}
+
+
+@dataclass(frozen=True, eq=False)
+class Picture(Artifact):
+    """A drawing of points, with its notes."""
+
+    points: Points
+    notes: tuple[str, ...] = ()
+
+
+class MakePointsParams(Params):
+    """Parameters of `make_points`."""
+
+    count: int = Field(default=4, ge=1)
+    """Number of points."""
+
+    step: Millimetres = Field(default=1.0, gt=0.0)
+    """Distance from point to point."""
+
+
+@stage(writes="points", version=1)
+def make_points(*, params: MakePointsParams) -> Points:
+    """Make points along x."""
+    return Points(np.arange(params.count)[:, None] * [params.step, 0.0, 0.0])
+
+
+class ReadPointsParams(Params):
+    """Parameters of `read_points`."""
+
+    path: InputFile
+    """One coordinate along x a line."""
+
+
+@stage(writes="points", version=1)
+def read_points(*, params: ReadPointsParams) -> Points:
+    """Read points along x from a text file."""
+    lines = params.path.read_text(encoding="utf-8").split()
+    return Points(np.array([[float(line), 0.0, 0.0] for line in lines]))
+
+
+class ScatterPointsParams(Params):
+    """Parameters of `scatter_points`."""
+
+    amount: Millimetres = Field(default=0.1, ge=0.0, lt=0.5)
+    """Greatest distance that a point moves."""
+
+
+@stage(writes="points", version=1)
+def scatter_points(points: Points, *, params: ScatterPointsParams, rng: np.random.Generator) -> Points:
+    """Move points at random."""
+    return Points(points.places + rng.uniform(-params.amount, params.amount, points.places.shape))
+
+
+class GrowPointsParams(Params):
+    """Parameters of `grow_points`."""
+
+    factor: Annotated[float, Unit("times")] = Field(default=2.0, gt=0.0)
+    """What coordinates are multiplied by."""
+
+    limit: Annotated[float, Unit("mm"), Follows("count_points", "limit")] = 100.0
+    """Reach from which on a warning is given."""
+
+
+@stage(writes="points", version=1)
+def grow_points(points: Points, *, params: GrowPointsParams) -> Points:
+    """Multiply the coordinates of points, with a warning where they reach far."""
+    grown = Points(points.places * params.factor)
+    if np.abs(grown.places).max() > params.limit:
+        warnings.warn(f"the points reach beyond {params.limit:g} mm", PipelineWarning, stacklevel=2)
+        np.log(np.zeros(1))  # a warning that is not for the user
+    return grown
+
+
+class DrawPointsParams(Params):
+    """Parameters of `draw_points`."""
+
+
+@stage(writes="picture", version=1)
+def draw_points(points: Points, *, params: DrawPointsParams) -> Picture:  # noqa: ARG001 - the contract asks for params
+    """Draw points."""
+    return Picture(points, notes=("drawn",))
+
+
+class WritePointsParams(Params):
+    """Parameters of `write_points`."""
+
+    names: tuple[str, ...] = ("points.txt",)
+    """Files to write."""
+
+
+@stage(writes="picture", version=1)
+def write_points(points: Points, *, params: WritePointsParams, out: Path, config_hash: str | None = None) -> Picture:
+    """Write points to text files that name their configuration."""
+    for name in params.names:
+        (out / name).write_text(f"{config_hash}\n{points.places.tolist()}\n", encoding="utf-8")
+    return Picture(points)
+
+
+class CountPointsParams(Params):
+    """Parameters of `count_points`."""
+
+    least: int = 1
+    """Fewest points of good quality."""
+
+    limit: Millimetres = 50.0
+    """Greatest reach of good quality."""
+
+
+@stage(writes="metrics", version=1)
+def count_points(points: Points, picture: Picture | None = None, *, params: CountPointsParams) -> Metrics:
+    """Count points, and whether they were drawn."""
+    values = {"points": len(points.places), "drawn": picture is not None}
+    gates = [f"points: must be {params.least} at least, got {len(points.places)}"]
+    return Metrics(values, tuple(gates) if len(points.places) < params.least else ())
+
+
+class FailParams(Params):
+    """Parameters of `fail`."""
+
+    how: Literal["stage_error", "error", "memory", "interrupt", "nothing", "other_type", "nan", "int64", "folder"]
+    """What goes wrong."""
+
+
+@stage(writes="failure", version=1)
+def fail(points: Points | None = None, *, params: FailParams, out: Path) -> Points:
+    """Fail in the way that is asked for."""
+    if params.how == "stage_error":
+        raise StageError("the points are too few, 4; give more")
+    if params.how == "error":
+        raise ValueError("two\nlines")
+    if params.how == "memory":
+        raise MemoryError
+    if params.how == "interrupt":
+        raise KeyboardInterrupt
+    if params.how == "folder":
+        (out / "folder").mkdir()
+    if params.how in {"nan", "int64"}:
+        return Odd(np.zeros((1, 3)), float("nan") if params.how == "nan" else np.int64(3))  # type: ignore[arg-type]
+    return Metrics({}) if params.how == "other_type" else points or Points(np.zeros((1, 3)))  # type: ignore[return-value]
+
+
+@dataclass(frozen=True, eq=False)
+class Odd(Points):
+    """Points with a fact that JSON may not hold."""
+
+    fact: Fact = None
+
+
+class WaitParams(Params):
+    """Parameters of `wait`."""
+
+    seconds: Annotated[float, Unit("s")] = 0.0
+    """How long to wait."""
+
+    sign: str
+    """A file that is made when the waiting begins."""
+
+
+@stage(writes="points", version=1)
+def wait(points: Points, *, params: WaitParams, out: Path) -> Points:
+    """Wait, and say so with a file."""
+    (out / "half_written.txt").write_text("half", encoding="utf-8")
+    Path(params.sign).touch()
+    time.sleep(params.seconds)
+    (out / "half_written.txt").unlink()
+    return points
