@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 
@@ -29,6 +30,12 @@ def load_stage(name: str) -> Stage:
         owners = ", ".join(sorted(f"{point.value} ({_owner(point)})" for point in points))
         raise StageDefinitionError(f"stage {name!r} is defined by more than one package: {owners}; uninstall one")
     return _load(points[0])
+
+
+def stage_owners(names: Collection[str]) -> dict[str, str]:
+    """Return the packages that define the stages `names`, with their versions."""
+    points = (point for name, points in _installed().items() if name in names for point in points)
+    return {point.dist.name: point.dist.version for point in points if point.dist}
 
 
 def _installed() -> dict[str, list[EntryPoint]]:

@@ -208,7 +208,9 @@ class Store:
     def _load_array(self, digest: str) -> NDArray[Any]:
         try:
             values: NDArray[Any] = np.load(self._path("arrays", digest), allow_pickle=False)
-        except (OSError, ValueError, EOFError, SyntaxError) as error:  # all that a broken header can give
+        except MemoryError:
+            raise
+        except Exception as error:  # a broken header can end numpy's reader in any way
             raise DamagedStoreError(f"stored array {digest[:12]} cannot be read") from error
         if hash_array(values) != digest:
             raise DamagedStoreError(f"stored array {digest[:12]} is not what was stored")

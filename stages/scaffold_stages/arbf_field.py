@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Certificate, Fact, Floats, OuterShape, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts import Certificate, Fact, Floats, Ints, OuterShape, ScalarField, VolumeMesh
 from scaffold_pipeline.contract import Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.memory import available_memory
-from scaffold_stages._kernels.grids import grid_over, grown, samples_inside
+from scaffold_stages._kernels.grids import Bools, grid_over, grown, samples_inside
 
 if TYPE_CHECKING:
     from scaffold_stages._kernels.interpolant import Elements, Solution
@@ -60,8 +60,8 @@ class ArbfFieldParams(Params):
     solid: Literal["edges", "vertices"] | None = None
     """What is +1: mesh edges (default of `normalised`) or vertices alone (the paper, default of `exact`)."""
 
-    c: Annotated[float | None, Unit("local edge lengths, or mm with exact")] = Field(default=None, ge=0.0)
-    """Shape parameter of the kernel; 0.02 with `normalised`, 0.1 with `exact`."""
+    c: Annotated[float | None, Unit("local edge lengths, or mm with exact")] = Field(default=None, gt=0.0)
+    """Shape parameter of the kernel (1/mm for the Gaussian); 0.02 with `normalised`, 0.1 with `exact`."""
 
     exponent: Literal[2, 4, 6, 8] | None = None
     """p of the kernel (r^2 + c^2)^(-p/2), `normalised` only; 4."""
@@ -81,8 +81,8 @@ class ArbfFieldParams(Params):
         for name in foreign:
             if getattr(self, name) is not None:
                 raise ValueError(f"{name}: has no meaning with interpolation: {self.interpolation}; leave it out")
-        if self.c == 0.0 and self.basis != "thin_plate_spline":
-            raise ValueError("c: must be above 0, got 0")
+        if self.c is not None and self.basis == "thin_plate_spline":
+            raise ValueError("c: has no meaning with basis: thin_plate_spline; leave it out")
         return self
 
 
@@ -96,33 +96,45 @@ def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) 
     from scaffold_stages._kernels.skeleton import skeleton_of
 
     spacing = params.voxel_size
+    _require_memory(outer.bounds, spacing)
     origin, shape = grid_over(outer.bounds, spacing, MARGIN)
-    _require_memory(shape, spacing)
     inside = samples_inside(outer.vertices, outer.faces, origin, spacing, shape)
     if not inside.any():
         raise StageError(f"voxel_size {spacing:g} mm: no sample lies inside the outer shape; use a smaller one")
     skeleton = skeleton_of(mesh.vertices, mesh.cells)
     compute = _normalised if params.interpolation == "normalised" else _exact
-    values, certificate, facts = compute(skeleton, origin, inside, params)
-    values[~grown(inside, 2)] = -1.0
+    near = grown(inside, 2)
+    values, certificate, facts = compute(skeleton, origin, inside, near, params)
+    values[~near] = -1.0
+    values.setflags(write=False)  # or the artifact would copy it
     facts["elements"] = len(skeleton.edges) + len(skeleton.channel_starts)
     return ScalarField(values, origin, spacing, certificate, facts)
 
 
-def _require_memory(shape: tuple[int, int, int], spacing: float) -> None:
-    needed, there = int(np.prod(np.array(shape, float))) * _BYTES_PER_VOXEL, available_memory()
-    if needed > there:
-        fitting = spacing * (needed / there) ** (1.0 / 3.0)
-        raise StageError(
-            f"voxel_size {spacing:g} mm: a grid of {' x '.join(map(str, shape))} samples needs {needed / 2**30:.1f} GiB, "
-            f"but {there / 2**30:.1f} GiB are free; {fitting:.2g} mm would fit"
-        )
+def _require_memory(bounds: Floats, spacing: float) -> None:
+    needed, there = _memory_needed(bounds, spacing), available_memory()
+    if needed <= there:
+        return
+    fitting = spacing
+    while _memory_needed(bounds, fitting) > there and fitting < np.ptp(bounds, axis=0).max():
+        fitting = float(f"{1.1 * fitting:.2g}")
+    raise StageError(
+        f"voxel_size {spacing:g} mm: the grid needs {needed / 2**30:.1f} GiB, but {there / 2**30:.1f} GiB are free; "
+        f"{fitting:g} mm would fit"
+    )
+
+
+def _memory_needed(bounds: Floats, spacing: float) -> float:
+    """Return the bytes that a grid over `bounds` (2, 3) needs; its axes have at most so many samples."""
+    return float(np.prod(np.ptp(bounds, axis=0) / spacing + 2 * MARGIN + 2)) * _BYTES_PER_VOXEL
 
 
 _Computed = tuple[np.ndarray, Certificate, dict[str, Fact]]
 
 
-def _normalised(skeleton: Skeleton, origin: Floats, inside: np.ndarray, params: ArbfFieldParams) -> _Computed:
+def _normalised(
+    skeleton: Skeleton, origin: Floats, inside: Bools, near: Bools, params: ArbfFieldParams
+) -> _Computed:
     from scaffold_stages._kernels import shepard
 
     segments = _segments(skeleton, params)
@@ -131,7 +143,7 @@ def _normalised(skeleton: Skeleton, origin: Floats, inside: np.ndarray, params: 
     samples = (rows, rows, shepard.LANES)
     blocks = tuple(-(-count // rows) for count, rows in zip(inside.shape, samples, strict=True))
     bins = shepard.bin_segments(segments, first - step / 2.0, step * np.array(samples), blocks)
-    active = _active_blocks(grown(inside, 2), blocks, samples)
+    active = _active_blocks(near, blocks, samples)
     values = np.full(inside.shape, -1.0, np.float32)
     half_reached = shepard.field_on_blocks(segments, bins, first, step, active, inside, values)
     _require_reached(half_reached, params.support or _SUPPORT)
@@ -141,7 +153,7 @@ def _normalised(skeleton: Skeleton, origin: Floats, inside: np.ndarray, params: 
 
 def _segments(skeleton: Skeleton, params: ArbfFieldParams) -> Segments:
     """Return struts and channels in mean edge lengths about the mesh's centre: single precision keeps its digits."""
-    from scaffold_stages._kernels.shepard import Segments
+    from scaffold_stages._kernels.shepard import LEAST_SHAPE, Segments
 
     ends = skeleton.vertices[skeleton.edges]
     if params.solid == "vertices":
@@ -154,7 +166,7 @@ def _segments(skeleton: Skeleton, params: ArbfFieldParams) -> Segments:
     return Segments(
         starts=np.ascontiguousarray(((starts - centre) / unit).T),
         steps=np.ascontiguousarray((steps / unit).T),
-        shapes=((params.c or _NORMALISED_C) * local) ** 2,
+        shapes=np.maximum(((params.c or _NORMALISED_C) * local) ** 2, LEAST_SHAPE),
         reaches=((params.support or _SUPPORT) * local) ** 2,
         struts=len(ends),
         power=(params.exponent or _EXPONENT) // 2,
@@ -163,7 +175,7 @@ def _segments(skeleton: Skeleton, params: ArbfFieldParams) -> Segments:
     )
 
 
-def _active_blocks(near: np.ndarray, blocks: tuple[int, ...], sizes: tuple[int, int, int]) -> np.ndarray:
+def _active_blocks(near: Bools, blocks: tuple[int, ...], sizes: tuple[int, int, int]) -> Ints:
     """Return the numbers of the blocks that hold a sample of `near`, (nx, ny, nz), last axis fastest."""
     padded = np.pad(near, [(0, n * size - have) for n, size, have in zip(blocks, sizes, near.shape, strict=True)])
     boxes = padded.reshape(blocks[0], sizes[0], blocks[1], sizes[1], blocks[2], sizes[2])
@@ -193,7 +205,7 @@ def _certificate(segments: Segments) -> Certificate:
     )
 
 
-def _exact(skeleton: Skeleton, origin: Floats, inside: np.ndarray, params: ArbfFieldParams) -> _Computed:
+def _exact(skeleton: Skeleton, origin: Floats, inside: Bools, near: Bools, params: ArbfFieldParams) -> _Computed:
     from scaffold_stages._kernels import interpolant
 
     basis, c = params.basis or "inverse_multiquadric", _EXACT_C if params.c is None else params.c
@@ -208,8 +220,9 @@ def _exact(skeleton: Skeleton, origin: Floats, inside: np.ndarray, params: ArbfF
         return interpolant.evaluate(columns[0], columns[1], columns[2], elements, solution.weights, basis, c)
 
     values = np.full(inside.shape, -1.0, np.float32)
-    near = np.argwhere(grown(inside, 2))
-    values[tuple(near.T)] = field_at(origin + params.voxel_size * near)
+    for layer, is_near, x in zip(values, near, np.arange(len(values)), strict=True):
+        places = np.insert(np.argwhere(is_near), 0, x, axis=1)
+        layer[is_near] = field_at(origin + params.voxel_size * places)
     certificate = _sampled_certificate(skeleton, field_at)
     _warn_of_health(solution, certificate)
     facts: dict[str, Fact] = {

@@ -65,7 +65,7 @@ def _without_crumbs(porous: IsoSurface, min_piece: float) -> tuple[Ints, dict[st
     volumes = piece_volumes(porous.vertices, porous.faces, pieces)
     least = min_piece * float(volumes[volumes > 0.0].sum())
     small, solid = np.abs(volumes) < least, volumes > 0.0
-    if small[solid].all():
+    if solid.any() and small[solid].all():
         raise StageError(
             f"min_piece {min_piece:g}: every one of {int(solid.sum())} pieces is smaller, the greatest has "
             f"{volumes.max() / volumes[solid].sum():.3g} of the volume; lower it"

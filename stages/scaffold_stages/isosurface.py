@@ -21,6 +21,8 @@ TOLERANCE = 1e-3
 
 ROUNDS = 12
 
+_QUANTILES = 4097
+
 
 class IsosurfaceParams(Params):
     """Parameters of `isosurface`: `porosity` or `iso`, one of them."""
@@ -87,7 +89,8 @@ class _Search:
     ) -> None:
         from scaffold_stages._kernels.solids import core_under, to_body
 
-        self.field, self.samples = field, samples
+        self.field, self.last = field, samples[-1]
+        self.isos, self.shares = _quantiles(samples)
         self.porosity, self.skin, self.min_closed_pore = params.porosity or 0.0, params.skin, params.min_closed_pore
         self.shape = to_body(outer.vertices, outer.faces, "outer shape")
         self.core = core_under(outer.vertices, outer.faces, params.skin)
@@ -97,14 +100,25 @@ class _Search:
         """Try an iso: clip its surface and measure what `intersect_outer` will keep of it."""
         from scaffold_stages._kernels.solids import clipped, main_piece, shells_of, to_body
 
-        iso = float(self.samples[min(int(share * len(self.samples)), len(self.samples) - 1)])
-        iso = min(iso, float(np.nextafter(self.samples[-1], self.samples[0])))  # some sample stays above it
+        below_last = np.nextafter(self.last, -np.inf, dtype=np.float32)  # some sample stays above it
+        iso = min(float(np.interp(share, self.shares, self.isos)), float(below_last))
         vertices, faces = iso_surface(self.field.values, iso, self.field.origin, self.field.spacing)
         solid, _ = clipped(to_body(vertices, faces, f"iso-surface at {iso:.4g}"), self.shape, self.core)
         volume = self.shape.volume()
         least = self.min_closed_pore * (volume - solid.volume())
         kept = 0.0 if solid.is_empty() else main_piece(shells_of(solid), least).volume
         return _Trial(share, 1.0 - kept / volume, iso, vertices, faces)
+
+
+def _quantiles(samples: NDArray[np.float32]) -> tuple[Floats, Floats]:
+    """Return some thousand ascending values of sorted samples, and the share of samples below each.
+
+    A value that many samples share, as in a symmetric field, counts once, at the middle of its run: else the iso would
+    stand still there, and jump beside.
+    """
+    places = np.linspace(0.0, len(samples) - 1.0, min(len(samples), _QUANTILES)).astype(int)
+    values, first, counts = np.unique(samples[places], return_index=True, return_counts=True)
+    return values.astype(np.float64), (first + (counts - 1) / 2.0) / (len(places) - 1)
 
 
 @dataclass

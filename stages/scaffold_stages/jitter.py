@@ -129,9 +129,12 @@ def _on_boundary(mesh: VolumeMesh, boundary: Ints, which: Mask, wanted: Floats) 
 
 
 def _least_parts(vertices: Floats, cells: Ints, kind: str) -> Floats:
-    """Return the least volume of each part of each cell, (m, k): a share of what it has, or that where it has none."""
+    """Return the least volume that each part of each cell may come to, (m, k): a share of its own.
+
+    A cell that is folded to begin with, some part of it not positive, may not fold further.
+    """
     parts = _parts(vertices, cells, kind)
-    return np.where(parts > 0.0, LEAST_SHARE * parts, parts)
+    return np.asarray(np.where((parts > 0.0).all(axis=1, keepdims=True), LEAST_SHARE * parts, parts))
 
 
 def _parts(vertices: Floats, cells: Ints, kind: str) -> Floats:

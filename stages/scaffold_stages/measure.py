@@ -35,7 +35,7 @@ class MeasureParams(Params):
     """Whether an open or non-manifold solid fails."""
 
     gate_one_piece: bool = True
-    """Whether a solid of several pieces, or with closed pores, fails."""
+    """Whether a solid of several pieces, or with closed pores, fails; a skin closes one pore of necessity."""
 
     gate_pores_connected: bool = True
     """Whether pores that do not hang together fail."""
@@ -82,7 +82,7 @@ def measure(
         "voxels": int(field.values.size),
         "voxel_size": field.spacing,
     }
-    return Metrics(values, tuple(_failed_gates(values, params)))
+    return Metrics(values, tuple(_failed_gates(values, params, most_closed=int(porous.skin > 0.0))))
 
 
 def _shell_facts(vertices: Floats, faces: Ints) -> dict[str, Fact]:
@@ -107,13 +107,16 @@ def _pore_facts(volumes: Floats) -> dict[str, Fact]:
     }
 
 
-def _failed_gates(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
+def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed: int) -> Iterator[str]:
     """Yield a line for each gate that is on and fails: which, by how much, and what to change."""
     if params.gate_manifold and not values["is_manifold"]:
         yield "manifold: the solid has open, non-manifold or touching parts; use other voxels or smoothing"
-    pieces, closed = values["solid_pieces"], values["closed_pores"]
-    if params.gate_one_piece and (pieces, closed) != (1, 0):
-        yield f"one_piece: {pieces} pieces and {closed} closed pores instead of 1 and 0; lower porosity, or use no skin"
+    pieces, closed = _number(values["solid_pieces"]), _number(values["closed_pores"])
+    if params.gate_one_piece and (pieces != 1 or closed > most_closed):
+        yield (
+            f"one_piece: {pieces:g} pieces and {closed:g} closed pores instead of 1 and {most_closed}; lower porosity, "
+            "or let intersect_outer fill larger pores (min_closed_pore)"
+        )
     yield from _failed_shares(values, params)
     yield from _failed_certificate(values) if params.gate_certificate else ()
 

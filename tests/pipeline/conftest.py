@@ -9,8 +9,8 @@ from pathlib import Path
 from textwrap import dedent
 
 import pytest
-from pipeline.workplace import Project
 
+from pipeline.workplace import Project
 from scaffold_pipeline import registry
 
 PLUGIN = Path(__file__).with_name("fake_plugin")

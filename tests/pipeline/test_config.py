@@ -3,8 +3,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from pipeline.workplace import Project
 
+from pipeline.workplace import Project
 from scaffold_pipeline.config import read_draft
 from scaffold_pipeline.errors import ConfigError
 from scaffold_pipeline.plan import Plan, make_plan
@@ -48,7 +48,7 @@ def test_all_faults_of_config_and_plan_are_found_at_once_in_the_order_of_the_fil
             stepp: 1.0
           - use: make_points
             step: wide
-          - use: scater_points
+          - use: make_point
           - use: grow_points
             from: {point: points}
           - count: 3
@@ -67,13 +67,11 @@ def test_all_faults_of_config_and_plan_are_found_at_once_in_the_order_of_the_fil
             "give it `as: NAME`"
         ),
         (
-            "config.yaml:9:5: stages.1 (make_points): step: must be a valid number, unable to parse string as a number, "
-            "got 'wide'"
+            "config.yaml:9:5: stages.1 (make_points): step: must be a valid number, unable to parse string as a "
+            "number, got 'wide'"
         ),
-        "config.yaml:10:5: stages.2 (scater_points): no stage is called 'scater_points'; did you mean 'scatter_points'?",
-        (
-            "config.yaml:12:5: stages.3 (grow_points): from: the stage reads no 'point'; did you mean 'points'?"
-        ),
+        "config.yaml:10:5: stages.2 (make_point): no stage is called 'make_point'; did you mean 'make_points'?",
+        "config.yaml:12:5: stages.3 (grow_points): from: the stage reads no 'point'; did you mean 'points'?",
         "config.yaml:13:5: stages.4: must be a mapping with `use: STAGE`, got {'count': 3}",
         (
             "config.yaml:15:5: stages.5 (draw_points): as: a slot is named by lower-case letters, digits and "
@@ -100,7 +98,10 @@ def test_all_faults_of_config_and_plan_are_found_at_once_in_the_order_of_the_fil
         ),
         (
             "stages:\n  - {use: make_points, count: 2.5}\n",
-            "c.yaml:2:24: stages.0 (make_points): count: must be a valid integer, got a number with a fractional part, got 2.5",
+            (
+                "c.yaml:2:24: stages.0 (make_points): count: must be a valid integer, got a number with a fractional "
+                "part, got 2.5"
+            ),
         ),
         (
             "stages:\n  - {use: make_points, step: .inf}\n",
@@ -140,16 +141,19 @@ def test_a_directory_is_no_config(project: Project):
     assert faults_of(project.folder) == [f"{project.folder}: a config is a YAML file, but this is a directory"]
 
 
-def test_a_missing_config_says_how_to_get_one(project: Project):
+@pytest.mark.usefixtures("project")
+def test_a_missing_config_says_how_to_get_one():
     assert faults_of(Path("no.yaml")) == ["no.yaml: no such file; `scaffold-pipeline new DIR` writes one"]
 
 
-def test_a_binary_file_is_no_config(project: Project):
+@pytest.mark.usefixtures("project")
+def test_a_binary_file_is_no_config():
     Path("bone.stl").write_bytes(b"solid \xff\xfe\x00\x80" * 20)
     assert faults_of(Path("bone.stl")) == ["bone.stl: not a text file in UTF-8, so not a config"]
 
 
-def test_a_byte_order_mark_is_no_part_of_the_first_key(project: Project):
+@pytest.mark.usefixtures("project")
+def test_a_byte_order_mark_is_no_part_of_the_first_key():
     Path("config.yaml").write_bytes(b"\xef\xbb\xbfname: x\r\nstages:\r\n  - use: make_points\r\n")
     assert plan_of(Path("config.yaml")).name == "x"
 
@@ -158,8 +162,10 @@ def test_a_missing_input_file_is_a_fault_on_its_line(project: Project):
     config = project.write("stages:\n  - use: read_points\n    path: no.txt\n", "sub/config.yaml")
     missing = (project.folder / "sub" / "no.txt").resolve()
     assert faults_of(config) == [
-        f"sub/config.yaml:3:5: stages.0 (read_points): path: no such file: {missing}; "
-        "paths in a config are relative to the config"
+        (
+            f"sub/config.yaml:3:5: stages.0 (read_points): path: no such file: {missing}; "
+            "paths in a config are relative to the config"
+        )
     ]
 
 
@@ -273,8 +279,7 @@ def test_a_missing_file_given_by_a_setting_names_the_setting(project: Project):
 def test_a_setting_for_a_stage_that_stands_twice_says_how_to_choose(project: Project):
     config = project.write("stages:\n  - use: make_points\n  - use: scatter_points\n  - use: scatter_points\n")
     assert faults_of(config, "scatter_points.amount=0.3") == [
-        "--set scatter_points.amount=0.3: 'scatter_points' stands 2 times; "
-        "write stages.1.amount=... for the first"
+        ("--set scatter_points.amount=0.3: 'scatter_points' stands 2 times; write stages.1.amount=... for the first")
     ]
 
 

@@ -6,7 +6,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import pytest
-from pipeline.workplace import Project
 from pydantic import Field, ValidationError
 
 from scaffold_pipeline.artifacts import Artifact, Metrics, SurfaceMesh
@@ -47,11 +46,11 @@ def test_the_contract_is_read_off_the_signature():
     @stage(writes="mesh", version=4)
     def shape(
         outer: SurfaceMesh,
-        metrics: Metrics | None = None,
+        metrics: Metrics | None = None,  # noqa: ARG001 - only the signature counts
         *,
-        params: ShapeParams,
-        rng: np.random.Generator,
-        out: Path,
+        params: ShapeParams,  # noqa: ARG001
+        rng: np.random.Generator,  # noqa: ARG001
+        out: Path,  # noqa: ARG001
     ) -> SurfaceMesh:
         """Shape it.
 
@@ -136,19 +135,22 @@ def test_a_function_that_is_no_stage_is_refused_by_name(function: Callable[..., 
     assert rule in str(caught.value)
 
 
+@pytest.mark.usefixtures("project")
 @pytest.mark.parametrize("name", ["make_points", "scatter_points", "count_points", "write_points"])
-def test_a_sound_stage_of_a_plug_in_passes_the_check(project: Project, name: str):
+def test_a_sound_stage_of_a_plug_in_passes_the_check(name: str):
     check_stage(name)
 
 
-def test_a_stage_that_is_not_there_or_cannot_be_loaded_fails_the_check(project: Project):
+@pytest.mark.usefixtures("project")
+def test_a_stage_that_is_not_there_or_cannot_be_loaded_fails_the_check():
     with pytest.raises(LookupError, match="no stage is called 'no_stage'"):
         check_stage("no_stage")
     with pytest.raises(StageDefinitionError, match="fake-plugin cannot be loaded from fake_stages:not_there"):
         check_stage("broken_stage")
 
 
-def test_the_check_names_every_rule_that_a_stage_breaks(project: Project, install: Callable[..., None]):
+@pytest.mark.usefixtures("project")
+def test_the_check_names_every_rule_that_a_stage_breaks(install: Callable[..., None]):
     install(
         "untidy_package",
         """
@@ -194,7 +196,8 @@ def test_the_check_names_every_rule_that_a_stage_breaks(project: Project, instal
     ]
 
 
-def test_the_check_refuses_parameters_without_a_schema(project: Project, install: Callable[..., None]):
+@pytest.mark.usefixtures("project")
+def test_the_check_refuses_parameters_without_a_schema(install: Callable[..., None]):
     install(
         "schemaless_package",
         """

@@ -1,20 +1,14 @@
 from __future__ import annotations
 
 import pytest
+
 from pipeline.workplace import Project
-
-from scaffold_pipeline.config import read_draft
 from scaffold_pipeline.errors import ConfigError
-from scaffold_pipeline.plan import Plan, make_plan
-
-
-def plan_of(project: Project, text: str) -> Plan:
-    return make_plan(read_draft(project.write(text)))
 
 
 def faults_of(project: Project, text: str) -> list[str]:
     with pytest.raises(ConfigError) as caught:
-        plan_of(project, text)
+        project.plan(text)
     return str(caught.value).splitlines()
 
 
@@ -60,9 +54,7 @@ def test_a_slot_written_twice_is_a_fault(project: Project):
 
 
 def test_a_slot_renamed_to_one_that_is_written_is_a_fault_at_its_name(project: Project):
-    (fault,) = faults_of(
-        project, "stages:\n  - use: make_points\n    as: dots\n  - use: make_points\n    as: dots\n"
-    )
+    (fault,) = faults_of(project, "stages:\n  - use: make_points\n    as: dots\n  - use: make_points\n    as: dots\n")
     assert fault.startswith("config.yaml:5:5: stages.1 (make_points): writes slot 'dots'")
 
 
@@ -80,14 +72,13 @@ def test_a_slot_of_the_wrong_type_is_a_fault_at_its_source(project: Project):
         """,
     )
     assert fault == (
-        "config.yaml:6:7: stages.2 (grow_points): reads slot 'picture' as Points, "
+        "config.yaml:7:7: stages.2 (grow_points): reads slot 'picture' as Points, "
         "but stages.1 (draw_points) writes a Picture"
     )
 
 
 def test_a_renamed_slot_is_read_from_where_it_was_written(project: Project):
-    plan = plan_of(
-        project,
+    plan = project.plan(
         """
         stages:
           - use: make_points
@@ -105,8 +96,8 @@ def test_a_renamed_slot_is_read_from_where_it_was_written(project: Project):
 
 
 def test_an_optional_slot_is_read_only_where_it_was_written_before(project: Project):
-    late = plan_of(project, "stages: [{use: make_points}, {use: count_points}, {use: draw_points}]")
-    early = plan_of(project, "stages: [{use: make_points}, {use: draw_points}, {use: count_points}]")
+    late = project.plan("stages: [{use: make_points}, {use: count_points}, {use: draw_points}]")
+    early = project.plan("stages: [{use: make_points}, {use: draw_points}, {use: count_points}]")
     assert dict(late.steps[1].sources) == {"points": "points"}
     assert dict(early.steps[2].sources) == {"points": "points", "picture": "picture"}
 
@@ -117,26 +108,27 @@ def test_an_optional_slot_asked_for_by_name_must_be_there(project: Project):
 
 
 @pytest.mark.parametrize(
-    ("own", "limit"), [("", 7.0), (", limit: 3.0", 3.0), (", limit: 100.0", 100.0)], ids=["left out", "given", "default"]
+    ("own", "limit"),
+    [("", 7.0), (", limit: 3.0", 3.0), (", limit: 100.0", 100.0)],
+    ids=["left out", "given", "default"],
 )
 def test_a_parameter_left_out_follows_that_of_another_stage(project: Project, own: str, limit: float):
     stages = f"[{{use: make_points}}, {{use: grow_points{own}}}, {{use: count_points, limit: 7.0}}]"
-    plan = plan_of(project, f"stages: {stages}")
+    plan = project.plan(f"stages: {stages}")
     assert plan.steps[1].params.model_dump()["limit"] == limit
 
 
 def test_a_parameter_that_could_follow_keeps_its_default_without_that_stage(project: Project):
-    plan = plan_of(project, "stages: [{use: make_points}, {use: grow_points}]")
+    plan = project.plan("stages: [{use: make_points}, {use: grow_points}]")
     assert plan.steps[1].params.model_dump()["limit"] == 100.0
 
 
 def test_a_seed_is_the_same_for_a_label_whatever_stands_around(project: Project):
-    alone = plan_of(project, "seed: 7\nstages: [{use: make_points}, {use: scatter_points}]")
-    among = plan_of(
-        project,
+    alone = project.plan("seed: 7\nstages: [{use: make_points}, {use: scatter_points}]")
+    among = project.plan(
         "seed: 7\nstages: [{use: make_points}, {use: grow_points}, {use: scatter_points}, {use: scatter_points}]",
     )
-    other = plan_of(project, "seed: 8\nstages: [{use: make_points}, {use: scatter_points}]")
+    other = project.plan("seed: 8\nstages: [{use: make_points}, {use: scatter_points}]")
     assert alone.steps[1].seed(alone.seed) == among.steps[2].seed(among.seed)
     seeds = {
         alone.steps[1].seed(alone.seed),
@@ -148,7 +140,7 @@ def test_a_seed_is_the_same_for_a_label_whatever_stands_around(project: Project)
 
 
 def test_labels_are_unique_and_tell_repeated_stages_apart(project: Project):
-    plan = plan_of(project, "stages: [{use: make_points}, {use: grow_points}, {use: grow_points}, {use: grow_points}]")
+    plan = project.plan("stages: [{use: make_points}, {use: grow_points}, {use: grow_points}, {use: grow_points}]")
     assert plan.labels == ["make_points", "grow_points", "grow_points.2", "grow_points.3"]
 
 
@@ -162,7 +154,7 @@ def test_the_resolved_config_says_the_same(project: Project):
           - use: count_points
             limit: 7.0
         """
-    plan = plan_of(project, text)
+    plan = project.plan(text)
     assert plan.resolved()["stages"][1] == {
         "use": "grow_points",
         "from": {"points": "dots"},
@@ -171,9 +163,11 @@ def test_the_resolved_config_says_the_same(project: Project):
     }
 
 
-@pytest.mark.parametrize(("label", "near"), [("grow_point", "did you mean 'grow_points'?"), ("x", "known: grow_points")])
+@pytest.mark.parametrize(
+    ("label", "near"), [("grow_point", "did you mean 'grow_points'?"), ("x", "known: grow_points")]
+)
 def test_an_unknown_label_is_refused_with_the_nearest(project: Project, label: str, near: str):
-    plan = plan_of(project, "stages: [{use: make_points}, {use: grow_points}]")
+    plan = project.plan("stages: [{use: make_points}, {use: grow_points}]")
     assert plan.require_label("grow_points", "until") == "grow_points"
     with pytest.raises(ConfigError, match=f"--until {label}: the config has no stage '{label}'; {near[:-1]}"):
         plan.require_label(label, "until")

@@ -3,11 +3,9 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import pytest
-from pipeline.workplace import Project
 
-from scaffold_pipeline.config import read_draft
+from pipeline.workplace import Project
 from scaffold_pipeline.errors import ConfigError, StageDefinitionError
-from scaffold_pipeline.plan import make_plan
 from scaffold_pipeline.registry import load_stage, stage_names
 
 Install = Callable[..., None]
@@ -26,12 +24,14 @@ STAGE = """
     """
 
 
-def test_stages_of_an_installed_plug_in_are_found_beside_our_own(project: Project):
+@pytest.mark.usefixtures("project")
+def test_stages_of_an_installed_plug_in_are_found_beside_our_own():
     assert {"make_points", "broken_stage", "load_surface"} <= set(stage_names())
     assert load_stage("make_points").writes == "points"
 
 
-def test_an_unknown_stage_suggests_the_nearest(project: Project):
+@pytest.mark.usefixtures("project")
+def test_an_unknown_stage_suggests_the_nearest():
     with pytest.raises(LookupError, match=r"no stage is called 'make_point'; did you mean 'make_points'\?"):
         load_stage("make_point")
 
@@ -59,11 +59,12 @@ def test_a_plug_in_that_cannot_be_loaded_is_named_when_it_is_used(
         load_stage("odd")
     assert reason in str(caught.value)
     with pytest.raises(ConfigError, match=r"config.yaml:1:11: stages.0 \(odd\): stage 'odd'"):
-        make_plan(read_draft(project.write("stages: [{use: odd}]")))
-    assert make_plan(read_draft(project.write("stages: [{use: make_points}]")))
+        project.plan("stages: [{use: odd}]")
+    assert project.plan("stages: [{use: make_points}]")
 
 
-def test_one_stage_of_two_packages_is_refused_when_it_is_used(project: Project, install: Install):
+@pytest.mark.usefixtures("project")
+def test_one_stage_of_two_packages_is_refused_when_it_is_used(install: Install):
     install("first_package", STAGE.format(name="twin", slot="a"), "twin")
     assert load_stage("twin").writes == "a"
     install("second_package", STAGE.format(name="twin", slot="b"), "twin")
@@ -75,9 +76,8 @@ def test_one_stage_of_two_packages_is_refused_when_it_is_used(project: Project, 
         load_stage("twin")
 
 
-def test_one_package_seen_twice_on_the_path_is_one(
-    project: Project, install: Install, monkeypatch: pytest.MonkeyPatch
-):
+@pytest.mark.usefixtures("project")
+def test_one_package_seen_twice_on_the_path_is_one(install: Install):
     install("only_package", STAGE.format(name="lone", slot="a"), "lone")
     install("only_package", STAGE.format(name="lone", slot="a"), "lone")
     assert load_stage("lone").writes == "a"

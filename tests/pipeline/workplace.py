@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import dedent
@@ -13,6 +15,9 @@ from typing import Any
 import pytest
 
 from scaffold_pipeline import cli
+from scaffold_pipeline.config import read_draft
+from scaffold_pipeline.plan import Plan, make_plan
+from scaffold_pipeline.runner import Progress, RunResult, execute
 
 
 @dataclass(frozen=True)
@@ -24,7 +29,7 @@ class Answer:
     err: str
 
     @property
-    def json(self) -> Any:
+    def json(self) -> Any:  # noqa: ANN401 - what JSON holds
         return json.loads(self.out)
 
 
@@ -41,6 +46,22 @@ class Project:
         (self.folder / name).write_text(dedent(text).lstrip("\n"), encoding="utf-8")
         return Path(name)
 
+    def plan(self, text: str, *settings: str) -> Plan:
+        """Write a config and return its plan."""
+        return make_plan(read_draft(self.write(text), settings))
+
+    def execute(
+        self,
+        text: str,
+        *settings: str,
+        out: str = "out",
+        until: str | None = None,
+        force: Collection[str] = (),
+        progress: Progress | None = None,
+    ) -> RunResult:
+        """Write a config and run it, publishing nothing."""
+        return execute(self.plan(text, *settings), Path(out), until=until, force=force, progress=progress)
+
     def command(self, *arguments: object) -> Answer:
         """Run the command in this process."""
         self.capture.readouterr()
@@ -48,11 +69,12 @@ class Project:
         told = self.capture.readouterr()
         return Answer(code, told.out, told.err)
 
-    def start(self, *arguments: object, **options: Any) -> subprocess.Popen[str]:
+    def start(self, *arguments: object) -> subprocess.Popen[str]:
         """Start the command in a process of its own."""
         command = [sys.executable, "-m", "scaffold_pipeline", *map(str, arguments)]
-        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-        return subprocess.Popen(command, cwd=self.folder, **{**pipes, **options})
+        return subprocess.Popen(
+            command, cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8"
+        )
 
     def record(self, out: str = "runs/config") -> dict[str, Any]:
         """Return what the run in `out` recorded."""
@@ -66,3 +88,28 @@ class Project:
     def files(self, out: str = "runs/config") -> dict[str, bytes]:
         """Return the content of each published file."""
         return {path.name: path.read_bytes() for path in (self.folder / out).iterdir() if path.is_file()}
+
+
+def ran(result: RunResult) -> list[str]:
+    """Return the labels of the steps that were not reused."""
+    return [step.label for step in result.steps if not step.reused]
+
+
+def harm(path: Path, how: str) -> None:
+    """Damage a file: it is `gone`, `empty`, has lost a `half` of its content, or one `bit` of it is another."""
+    content = path.read_bytes()
+    if how == "gone":
+        path.unlink()
+    elif how == "bit":
+        path.write_bytes(content[:-3] + bytes([content[-3] ^ 1]) + content[-2:])
+    else:
+        path.write_bytes(content[: len(content) // 2] if how == "half" else b"")
+
+
+def wait_for(is_so: Callable[[], bool], process: subprocess.Popen[str] | None = None) -> None:
+    """Wait until `is_so`, for half a minute at most and while `process` runs."""
+    limit = time.monotonic() + 30.0
+    while not is_so():
+        assert process is None or process.poll() is None, process.communicate()
+        assert time.monotonic() < limit
+        time.sleep(0.02)

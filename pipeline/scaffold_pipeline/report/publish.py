@@ -24,6 +24,7 @@ from packaging.requirements import Requirement
 from scaffold_pipeline import __version__
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.plan import Plan
+from scaffold_pipeline.registry import stage_owners
 from scaffold_pipeline.report.page import render_page
 from scaffold_pipeline.runner import STORE, RunResult, config_hash, locked
 from scaffold_pipeline.store import Store, hash_file
@@ -85,7 +86,7 @@ def _record(plan: Plan, result: RunResult, staging: Path) -> dict[str, Any]:
         "stages": [asdict(step) for step in result.steps],
         "warnings": warnings,
         "files": {path.name: _file_facts(path) for path in sorted(staging.iterdir())},
-        "versions": library_versions(),
+        "versions": {**library_versions(), **stage_owners([step.stage for step in result.steps])},
         "platform": {
             "system": platform.platform(),
             "machine": platform.machine(),

@@ -21,9 +21,7 @@ def grid_over(bounds: Floats, spacing: float, margin: int) -> tuple[Floats, tupl
     return origin, (int(intervals[0]) + 1, int(intervals[1]) + 1, int(intervals[2]) + 1)
 
 
-def samples_inside(
-    vertices: Floats, faces: Ints, origin: Floats, spacing: float, shape: tuple[int, int, int]
-) -> Bools:
+def samples_inside(vertices: Floats, faces: Ints, origin: Floats, spacing: float, shape: tuple[int, int, int]) -> Bools:
     """Tell which samples of a grid lie inside a closed surface, (nx, ny, nz): VTK's scan-line stencil."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkImagingStencil import vtkImageStencilToImage, vtkPolyDataToImageStencil
@@ -51,8 +49,9 @@ def _poly_data(vertices: Floats, faces: Ints) -> object:
 
     points, cells, surface = vtkPoints(), vtkCellArray(), vtkPolyData()
     points.SetData(numpy_to_vtk(np.ascontiguousarray(vertices), deep=True))
-    rows = np.column_stack([np.full(len(faces), 3), faces]).astype(np.int64)
-    cells.SetCells(len(faces), numpy_to_vtkIdTypeArray(rows.ravel(), deep=True))
+    starts = np.arange(0, 3 * len(faces) + 1, 3, dtype=np.int64)
+    corners = np.array(faces, np.int64).ravel()
+    cells.SetData(numpy_to_vtkIdTypeArray(starts, deep=True), numpy_to_vtkIdTypeArray(corners, deep=True))
     surface.SetPoints(points)
     surface.SetPolys(cells)
     return surface

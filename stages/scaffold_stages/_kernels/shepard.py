@@ -20,20 +20,31 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.memory import available_memory
 from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LANES = 32
+LANES = 16
 """Samples that are summed at once, along the last axis of a grid: always as many, so that none is a remainder and each
-is computed by the same instructions. 32 was faster than 16, and 64 no faster."""
+is computed by the same instructions. 32 took a tenth longer, more of them being out of reach; 8 become no vector."""
 
 _FAST = frozenset({"contract", "nsz"})
 """Fused multiply-add and no signed zero. Nothing that reorders a sum: the order is part of the result."""
 
 _SLACK = np.float32(1.001)
 """Reach, squared, is widened by this much before a segment is skipped, so that rounding never skips a non-zero."""
+
+LEAST_SHAPE = 1e-9
+"""Least (c h)^2: with less, weights of p = 8 on the segments themselves would leave single precision."""
+
+_SHORTEST = float(np.finfo(np.float32).tiny)
+"""Least squared length of a segment that has a direction: 1 / of less would leave single precision."""
+
+_STRIDE = 64
+"""Blocks are worked on in this stride, so that the equal shares of all threads take equal time."""
 
 _ONE = np.float32(1.0)
 _ZERO = np.float32(0.0)
@@ -77,38 +88,53 @@ class Bins:
 
 
 def bin_segments(segments: Segments, origin: Floats, sizes: Floats, shape: tuple[int, int, int]) -> Bins:
-    """Sort the segments into the boxes that they may reach; `origin` and `sizes` (3,) in the segments' units."""
+    """Sort the segments into the boxes that they may reach; `origin` and `sizes` (3,) in the segments' units.
+
+    Raises `StageError` where the lists need more memory than there is.
+    """
+    ends, reaches = segments.starts + segments.steps, np.sqrt(segments.reaches * _SLACK)
+    first = (np.minimum(segments.starts, ends) - reaches - origin[:, None]) / sizes[:, None]
+    last = (np.maximum(segments.starts, ends) + reaches - origin[:, None]) / sizes[:, None]
+    most = np.array(shape)[:, None]
+    ranges = np.stack([np.clip(np.floor(first), 0, most), np.clip(np.floor(last), -1, most - 1)]).astype(np.int32)
+    arrays = (segments.starts, segments.steps, reaches, ranges, origin, sizes, np.array(shape))
     counts = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
-    nothing = np.empty(0, np.int32)
-    arrays = (segments.starts, segments.steps, segments.reaches, origin, sizes, np.array(shape))
-    _sort_into_boxes(*arrays, counts, nothing)
+    _sort_into_boxes(*arrays, counts, np.empty(0, np.int32))
     offsets = np.cumsum(counts)
+    needed, there = int(offsets[-1]) * np.dtype(np.int32).itemsize, available_memory()
+    if needed > there:
+        raise StageError(
+            f"support: the lists of struts and channels within reach need {needed / 2**30:.1f} GiB, but "
+            f"{there / 2**30:.1f} GiB are free; lower support"
+        )
     members = np.empty(offsets[-1], np.int32)
     _sort_into_boxes(*arrays, offsets[:-1].copy(), members)
     return Bins(offsets, members, origin, sizes, shape)
 
 
-@kernel
+@parallel_kernel
 def _sort_into_boxes(
-    starts: Floats, steps: Floats, reaches: Floats, origin: Floats, sizes: Floats, shape: Ints, cursors: Ints,
-    members: NDArray[np.int32],
+    starts: Floats, steps: Floats, reaches: Floats, ranges: NDArray[np.int32], origin: Floats, sizes: Floats,
+    shape: Ints, cursors: Ints, members: NDArray[np.int32],
 ) -> None:  # fmt: skip
-    """Count each box's segments into `cursors[box + 1]`, or write them from `cursors[box]` on where there is room."""
+    """Count each box's segments into `cursors[box + 1]`, or write them from `cursors[box]` on where there is room.
+
+    `ranges` (2, 3, n) are the first and last box that a segment may reach along each axis. A layer of boxes is one
+    thread's.
+    """
     diagonal = np.sqrt((sizes * sizes).sum()) / 2.0
-    low, high = np.empty(3, np.int64), np.empty(3, np.int64)
-    for segment in range(starts.shape[1]):
-        reach = np.sqrt(reaches[segment] * _SLACK)
-        for axis in range(3):
-            first, last = starts[axis, segment], starts[axis, segment] + steps[axis, segment]
-            low[axis] = max(0, int(np.floor((min(first, last) - reach - origin[axis]) / sizes[axis])))
-            high[axis] = min(shape[axis] - 1, int(np.floor((max(first, last) + reach - origin[axis]) / sizes[axis])))
-        for i in range(low[0], high[0] + 1):
-            for j in range(low[1], high[1] + 1):
-                for k in range(low[2], high[2] + 1):
-                    x = origin[0] + (i + 0.5) * sizes[0]
-                    y = origin[1] + (j + 0.5) * sizes[1]
+    low, high = ranges
+    for i in prange(shape[0]):
+        x = origin[0] + (i + 0.5) * sizes[0]
+        for segment in range(starts.shape[1]):
+            if not low[0, segment] <= i <= high[0, segment]:
+                continue
+            furthest = (reaches[segment] + diagonal) ** 2
+            for j in range(low[1, segment], high[1, segment] + 1):
+                y = origin[1] + (j + 0.5) * sizes[1]
+                for k in range(low[2, segment], high[2, segment] + 1):
                     z = origin[2] + (k + 0.5) * sizes[2]
-                    if _squared_distance(x, y, z, starts, steps, segment) > (reach + diagonal) ** 2:
+                    if _squared_distance(x, y, z, starts, steps, segment) > furthest:
                         continue
                     box = (i * shape[1] + j) * shape[2] + k
                     if members.size:
@@ -157,7 +183,7 @@ def _table(segments: Segments) -> Floats:
     """Return a row for each segment, (n, 10), with all that the sums need of it side by side."""
     squares = segments.steps**2
     lengths, seen_along_z = squares.sum(axis=0), squares[:2].sum(axis=0)
-    inverses = [np.divide(1.0, s, out=np.zeros_like(s), where=s > 0.0) for s in (lengths, seen_along_z)]
+    inverses = [np.divide(1.0, s, out=np.zeros_like(s), where=s > _SHORTEST) for s in (lengths, seen_along_z)]
     return np.stack(
         [*segments.starts, *segments.steps, inverses[0], segments.shapes, 1.0 / segments.reaches, inverses[1]], axis=1
     )
@@ -176,9 +202,10 @@ def field_on_blocks(
     axes = [np.float32(origin[axis] + spacing * np.arange(values.shape[axis])) for axis in range(3)]
     rows = np.array([round(size / spacing) for size in bins.sizes[:2]])
     half_reached = np.zeros(len(active), np.int64)
+    spread = active[np.argsort(np.arange(len(active)) % _STRIDE, kind="stable")]
     _fill_blocks(
         _table(segments).astype(np.float32), segments.struts, segments.power, bins.offsets, bins.members,
-        np.array(bins.shape), rows, active, *axes, inside, values, half_reached,
+        np.array(bins.shape), rows, spread, *axes, inside, values, half_reached,
     )  # fmt: skip
     return int(half_reached.sum())
 
@@ -192,49 +219,60 @@ def _fill_blocks(
     for number in prange(len(active)):
         block = active[number]
         i, j, k = block // (boxes[1] * boxes[2]), (block // boxes[2]) % boxes[1], block % boxes[2]
+        x, y, z = slice(i * rows[0], (i + 1) * rows[0]), slice(j * rows[1], (j + 1) * rows[1]), k * LANES
         near = members[offsets[block] : offsets[block + 1]]
         middle = np.searchsorted(near, struts)
-        solid, void, lanes = np.empty(LANES, np.float32), np.empty(LANES, np.float32), np.empty(LANES, np.float32)
-        first, count = k * LANES, min(LANES, len(zs) - k * LANES)
+        sums, lanes = np.zeros((2, rows[0], rows[1], LANES), np.float32), np.empty(LANES, np.float32)
         for lane in range(LANES):
-            lanes[lane] = zs[min(first + lane, len(zs) - 1)]
-        for ix in range(i * rows[0], min((i + 1) * rows[0], len(xs))):
-            for iy in range(j * rows[1], min((j + 1) * rows[1], len(ys))):
-                _sum_row(table, near[:middle], power, xs[ix], ys[iy], lanes, solid)
-                _sum_row(table, near[middle:], power, xs[ix], ys[iy], lanes, void)
-                for lane in range(count):
-                    values[ix, iy, first + lane] = _quotient(solid[lane], void[lane])
-                    is_reached = solid[lane] > _ZERO and void[lane] > _ZERO
-                    half_reached[number] += inside[ix, iy, first + lane] and not is_reached
+            lanes[lane] = zs[min(z + lane, len(zs) - 1)]
+        _add_weights(table, near[:middle], power, xs[x], ys[y], lanes, sums[0])
+        _add_weights(table, near[middle:], power, xs[x], ys[y], lanes, sums[1])
+        half_reached[number] = _divide(sums, inside[x, y, z : z + LANES], values[x, y, z : z + LANES])
+
+
+@kernel(fastmath=_FAST)
+def _add_weights(
+    table: NDArray[np.float32], near: NDArray[np.int32], power: int, xs: NDArray[np.float32], ys: NDArray[np.float32],
+    zs: NDArray[np.float32], sums: NDArray[np.float32],
+) -> None:  # fmt: skip
+    """Add the weights of the segments `near` to `sums` (nx, ny, LANES) at the samples of axes `xs`, `ys` and `zs`.
+
+    A segment that, seen along z, misses a column by more than its reach adds nothing there and is skipped. One segment
+    meets all columns before the next is read: the other order took half as long again.
+    """
+    for n in range(len(near)):
+        row = table[near[n]]
+        dx, dy, dz, inverse_length, shape, inverse_reach = row[3], row[4], row[5], row[6], row[7], row[8]
+        for i in range(len(xs)):
+            for j in range(len(ys)):
+                wx, wy = xs[i] - row[0], ys[j] - row[1]
+                along = wx * dx + wy * dy
+                if _squared_offset(wx, wy, _ZERO, dx, dy, _ZERO, along, row[9]) * inverse_reach > _SLACK:
+                    continue
+                for lane in range(LANES):
+                    wz = zs[lane] - row[2]
+                    squared = _squared_offset(wx, wy, wz, dx, dy, dz, along + wz * dz, inverse_length)
+                    sums[i, j, lane] += _weight(squared, shape, inverse_reach, power)
+
+
+@kernel
+def _divide(sums: NDArray[np.float32], inside: NDArray[np.bool_], values: NDArray[np.float32]) -> int:
+    """Put s into `values` (nx, ny, nz), of sums (2, ...); return how many samples `inside` lack one of the signs."""
+    half_reached = 0
+    for i in range(values.shape[0]):
+        for j in range(values.shape[1]):
+            for k in range(values.shape[2]):
+                solid, void = sums[0, i, j, k], sums[1, i, j, k]
+                values[i, j, k] = _quotient(solid, void)
+                half_reached += inside[i, j, k] and not (solid > _ZERO and void > _ZERO)
+    return half_reached
 
 
 @kernel(inline=True)
 def _quotient(solid: float, void: float) -> float:
+    """Return s of the sums of weights of each sign, void where there are none."""
     total = solid + void
     return (solid - void) / total if total > _ZERO else -_ONE
-
-
-@kernel(fastmath=_FAST)
-def _sum_row(
-    table: NDArray[np.float32], near: NDArray[np.int32], power: int, x: float, y: float, zs: NDArray[np.float32],
-    sums: NDArray[np.float32],
-) -> None:  # fmt: skip
-    """Put the weights of the segments `near` at the samples (x, y, zs) into `sums`.
-
-    A segment that, seen along z, misses the column by more than its reach adds nothing and is skipped.
-    """
-    sums[:] = _ZERO
-    for n in range(len(near)):
-        row = table[near[n]]
-        dx, dy, dz, inverse_length, shape, inverse_reach = row[3], row[4], row[5], row[6], row[7], row[8]
-        wx, wy = x - row[0], y - row[1]
-        along = wx * dx + wy * dy
-        if _squared_offset(wx, wy, _ZERO, dx, dy, _ZERO, along, row[9]) * inverse_reach > _SLACK:
-            continue
-        for lane in range(LANES):
-            wz = zs[lane] - row[2]
-            squared = _squared_offset(wx, wy, wz, dx, dy, dz, along + wz * dz, inverse_length)
-            sums[lane] += _weight(squared, shape, inverse_reach, power)
 
 
 def field_at(segments: Segments, bins: Bins, points: Floats) -> Floats:

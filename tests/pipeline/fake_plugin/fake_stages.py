@@ -106,7 +106,7 @@ class DrawPointsParams(Params):
 
 
 @stage(writes="picture", version=1)
-def draw_points(points: Points, *, params: DrawPointsParams) -> Picture:  # noqa: ARG001 - the contract asks for params
+def draw_points(points: Points, *, params: DrawPointsParams) -> Picture:  # noqa: ARG001 - the contract asks for it
     """Draw points."""
     return Picture(points, notes=("drawn",))
 

@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scaffold_pipeline.artifacts import (
+    Certificate,
+    IsoSurface,
+    Metrics,
+    OuterShape,
+    ScalarField,
+    Solid,
+    SurfaceMesh,
+    VolumeMesh,
+    WrittenSolid,
+)
+from scaffold_pipeline.errors import StageError
+
+CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+OUTWARD = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+
+
+def test_an_artifact_owns_and_locks_its_arrays():
+    vertices = CORNERS.copy()
+    mesh = SurfaceMesh(vertices, OUTWARD)
+    vertices[0] = 9.0
+    assert mesh.vertices[0].tolist() == [0.0, 0.0, 0.0]
+    with pytest.raises(ValueError, match="read-only"):
+        mesh.vertices[0] = 1.0
+
+
+def test_a_locked_array_is_taken_as_it_is():
+    first = SurfaceMesh(CORNERS, OUTWARD)
+    assert SurfaceMesh(first.vertices, first.faces).vertices is first.vertices
+
+
+@pytest.mark.parametrize(
+    "vertices", [CORNERS.astype(np.float32), CORNERS.astype(np.int16), np.asfortranarray(CORNERS), CORNERS[::-1][::-1]]
+)
+def test_a_locked_array_of_another_type_or_order_is_converted(vertices: np.ndarray):
+    vertices.setflags(write=False)
+    faces = OUTWARD.astype(np.uint32)
+    faces.setflags(write=False)
+    mesh = SurfaceMesh(vertices, faces)
+    assert mesh.vertices.dtype == np.float64
+    assert mesh.faces.dtype == np.int64
+    assert mesh.vertices.flags.c_contiguous
+    assert mesh.volume == pytest.approx(1.0 / 6.0)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "rule"),
+    [
+        (CORNERS[:, :2], OUTWARD, r"SurfaceMesh.vertices: must have shape \('n', 3\), got \(4, 2\)"),
+        (CORNERS.ravel(), OUTWARD, r"SurfaceMesh.vertices: must have shape \('n', 3\), got \(12,\)"),
+        (CORNERS, OUTWARD[None], r"SurfaceMesh.faces: must have shape \('n', 3\), got \(1, 4, 3\)"),
+        (CORNERS, OUTWARD.astype(float), "SurfaceMesh.faces: must hold int64, got float64"),
+        (CORNERS.astype(complex), OUTWARD, "SurfaceMesh.vertices: must hold float64, got complex128"),
+        (CORNERS, OUTWARD + 1, r"SurfaceMesh.faces: indices must lie in 0..3, got 1..4"),
+        (CORNERS, OUTWARD - 1, r"SurfaceMesh.faces: indices must lie in 0..3, got -1..2"),
+        (
+            CORNERS * [np.nan, 1.0, 1.0],
+            OUTWARD,
+            "SurfaceMesh.vertices: must be finite, but 4 values are NaN or infinite",
+        ),
+        (
+            CORNERS + np.array([np.inf, 0.0, 0.0]),
+            OUTWARD,
+            "SurfaceMesh.vertices: must be finite, but 4 values are NaN or infinite",
+        ),
+    ],
+)
+def test_an_array_that_does_not_fit_is_refused(vertices: np.ndarray, faces: np.ndarray, rule: str):
+    with pytest.raises(StageError, match=rule):
+        SurfaceMesh(vertices, faces)
+
+
+def test_volume_and_area_are_those_of_the_tetrahedron_wherever_it_lies():
+    for place in (0.0, 1e6):
+        mesh = SurfaceMesh(CORNERS + place, OUTWARD)
+        assert mesh.volume == pytest.approx(1.0 / 6.0, rel=1e-6)
+        assert mesh.area == pytest.approx(1.5 + np.sqrt(3.0) / 2.0, rel=1e-6)
+
+
+def test_an_outer_shape_and_a_solid_must_enclose_a_volume():
+    assert OuterShape(CORNERS, OUTWARD, notes=("made",)).summary()["notes"] == "made"
+    for kind in (OuterShape, Solid):
+        with pytest.raises(StageError, match=f"{kind.__name__}: must enclose a positive volume"):
+            kind(CORNERS, OUTWARD[:, ::-1])
+    with pytest.raises(StageError, match="got 0 triangles"):
+        Solid(np.empty((0, 3)), np.empty((0, 3), int))
+
+
+def test_an_empty_surface_has_a_summary():
+    summary = SurfaceMesh(np.empty((0, 3)), np.empty((0, 3), int)).summary()
+    assert (summary["triangles"], summary["volume_mm3"], summary["size_x"]) == (0, 0.0, 0.0)
+
+
+def test_a_volume_mesh_tells_its_cells_edges_and_volume():
+    mesh = VolumeMesh(CORNERS, np.array([[0, 1, 2, 3]]), facts={"maker": "hand"})
+    assert {kind: cells.tolist() for kind, cells in mesh.cells.items()} == {"tetrahedron": [[0, 1, 2, 3]]}
+    assert mesh.edges.tolist() == [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]
+    assert mesh.volume == pytest.approx(1.0 / 6.0)
+    assert mesh.summary()["maker"] == "hand"
+    assert mesh.summary()["edge_length_mean"] == pytest.approx((3.0 + 3.0 * np.sqrt(2.0)) / 6.0)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "tetrahedra", "rule"),
+    [
+        (CORNERS, [[1, 0, 2, 3]], r"must have a positive volume, but 1 of 1 do not \(the first is cell 0\)"),
+        (CORNERS * [1.0, 1.0, 0.0], [[0, 1, 2, 3]], "must have a positive volume"),
+        (np.vstack([CORNERS, CORNERS[:1]]), [[0, 1, 2, 3]], "every vertex must belong to a cell, 1 do not"),
+        (CORNERS, np.empty((0, 4), int), "must have at least one cell, got none"),
+        (CORNERS, [[0, 1, 2, 4]], r"VolumeMesh.tetrahedra: indices must lie in 0..3, got 0..4"),
+    ],
+)
+def test_a_volume_mesh_that_is_not_sound_is_refused(vertices: np.ndarray, tetrahedra: object, rule: str):
+    with pytest.raises(StageError, match=rule):
+        VolumeMesh(vertices, np.asarray(tetrahedra))
+
+
+def test_a_certificate_counts_what_is_closed_and_broken_at_an_iso():
+    certificate = Certificate(np.array([-0.5, 0.0, 0.2]), np.array([0.1, 0.4]))
+    assert certificate.at(0.1) == {
+        "channel_max": 0.2,
+        "strut_min": 0.1,
+        "channels": 3,
+        "channels_closed": 1,
+        "struts": 2,
+        "struts_broken": 1,
+    }
+
+
+def test_a_field_keeps_single_precision_and_refuses_what_that_cannot_hold():
+    values = np.linspace(-1.0, 1.0, 8).reshape(2, 2, 2)
+    field = ScalarField(values, np.zeros(3), 0.5)
+    assert field.values.dtype == np.float32
+    assert field.summary()["grid"] == "2 x 2 x 2"
+    with pytest.raises(StageError, match="must be finite, but 8 values"):
+        ScalarField(np.full((2, 2, 2), 1e39), np.zeros(3), 0.5)
+
+
+@pytest.mark.parametrize("spacing", [0.0, -1.0, np.inf, np.nan])
+def test_a_field_needs_a_positive_spacing(spacing: float):
+    with pytest.raises(StageError, match=r"ScalarField.spacing: must be a positive length"):
+        ScalarField(np.zeros((2, 2, 2)), np.zeros(3), spacing)
+
+
+def test_a_field_needs_two_samples_along_each_axis():
+    with pytest.raises(StageError, match=r"needs two samples along each axis, got \(2, 1, 2\)"):
+        ScalarField(np.zeros((2, 1, 2)), np.zeros(3), 1.0)
+
+
+def test_summaries_tell_what_was_asked_and_done():
+    surface = IsoSurface(CORNERS, OUTWARD, iso=0.2, porosity_requested=0.6, facts={"removed": 3})
+    assert {**surface.summary(), "iso": 0.2, "porosity_requested": 0.6, "removed": 3} == surface.summary()
+    assert Solid(CORNERS, OUTWARD, pore_volumes=np.array([2.0, 1.0])).summary()["pore_pieces"] == 2
+    assert WrittenSolid({"stl_bytes": 284}).summary() == {"stl_bytes": 284}
+
+
+def test_metrics_pass_or_name_the_gates_that_failed():
+    assert Metrics({"points": 3}).summary() == {"points": 3, "quality": "pass"}
+    assert Metrics({}, ("points: too few", "drawn: no")).summary() == {"quality": ["points: too few", "drawn: no"]}

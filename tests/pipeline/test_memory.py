@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from scaffold_pipeline import memory
+from scaffold_pipeline.memory import PeakMemory, available_memory
+
+MIB = 2**20
+
+
+def resident() -> int:
+    return int(psutil.Process().memory_info().rss)
+
+
+def test_the_peak_is_what_was_held_in_between_though_it_is_freed_again():
+    before = resident()
+    with PeakMemory() as peak:
+        block = np.ones(200 * MIB // 8)
+        time.sleep(0.5)
+        del block
+    assert before + 190 * MIB < peak.peak < before + 300 * MIB
+
+
+def test_a_peak_shorter_than_the_sampling_is_seen_where_the_system_marks_it():
+    if not Path("/proc/self/clear_refs").exists():
+        pytest.skip("only Linux marks the greatest memory of a process")
+    before = resident()
+    with PeakMemory() as peak:
+        np.ones(200 * MIB // 8)
+    assert before + 190 * MIB < peak.peak < before + 300 * MIB
+
+
+def test_an_earlier_peak_is_not_counted_again():
+    with PeakMemory() as first:
+        np.ones(200 * MIB // 8)
+        time.sleep(0.3)
+    with PeakMemory() as second:
+        time.sleep(0.01)
+    assert second.peak < first.peak - 150 * MIB
+
+
+def test_an_earlier_peak_is_not_counted_where_the_mark_cannot_be_reset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    status = tmp_path / "status"
+    status.write_text("Name:\tpython\nVmHWM:\t 99999999 kB\n")
+    monkeypatch.setattr(memory, "_STATUS", status)
+    monkeypatch.setattr(memory, "_CLEAR", tmp_path / "no" / "clear_refs")
+    with PeakMemory() as peak:
+        time.sleep(0.01)
+    assert peak.peak < 20_000 * MIB
+    monkeypatch.setattr(memory, "_CLEAR", tmp_path / "clear_refs")
+    with PeakMemory() as marked:
+        time.sleep(0.01)
+    assert marked.peak == 99999999 * 1024
+
+
+def test_memory_of_child_processes_counts():
+    hold = f"import time; block = bytearray(b'x') * {200 * MIB}; print('ready', flush=True); time.sleep(60)"
+    before = resident()
+    with PeakMemory() as peak:
+        child = subprocess.Popen([sys.executable, "-c", hold], stdout=subprocess.PIPE)
+        assert child.stdout is not None
+        child.stdout.readline()
+        time.sleep(0.5)
+        child.kill()
+        child.wait()
+        child.stdout.close()
+    assert before + 200 * MIB < peak.peak < before + 300 * MIB
+
+
+def test_the_peak_is_told_when_the_work_fails():
+    peak = PeakMemory()
+    with pytest.raises(ValueError, match="no"), peak:
+        raise ValueError("no")
+    assert peak.peak > MIB
+
+
+def test_available_memory_is_a_share_of_the_whole():
+    assert 0 < available_memory() <= psutil.virtual_memory().total

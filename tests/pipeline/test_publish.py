@@ -1,0 +1,186 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from pipeline.workplace import Project
+from scaffold_pipeline.config import read_draft
+from scaffold_pipeline.plan import make_plan
+from scaffold_pipeline.report import publish as publishing
+from scaffold_pipeline.report.publish import publish, run_metrics
+from scaffold_pipeline.runner import execute
+from scaffold_pipeline.store import hash_file
+from scaffold_pipeline.yaml_source import parse
+
+CHAIN = """
+    name: points
+    seed: 7
+    stages:
+      - use: make_points
+      - use: scatter_points
+      - use: grow_points
+        limit: 1.0
+      - use: write_points
+        names: [points.txt, more.txt]
+      - use: count_points
+    """
+OUT = Path("out")
+
+
+def run(project: Project, text: str = CHAIN, *settings: str) -> dict[str, Any]:
+    plan = make_plan(read_draft(project.write(text), settings))
+    return publish(plan, execute(plan, OUT), OUT)
+
+
+def visible() -> list[str]:
+    return sorted(path.name for path in OUT.iterdir() if not path.name.startswith("."))
+
+
+def test_a_run_leaves_its_files_and_nothing_else(project: Project):
+    run(project)
+    assert visible() == ["config.yaml", "metrics.json", "more.txt", "points.txt", "report.html", "run.json"]
+    assert not list(OUT.glob(".publish-*"))
+
+
+def test_the_record_names_the_hash_and_size_of_every_file(project: Project):
+    record = run(project)
+    assert json.loads((OUT / "run.json").read_text()) == json.loads(json.dumps(record))
+    assert sorted(record["files"]) == [name for name in visible() if name != "run.json"]
+    for name, facts in record["files"].items():
+        assert facts == {"sha256": hash_file(OUT / name), "bytes": (OUT / name).stat().st_size}
+
+
+def test_the_record_tells_config_versions_platform_and_stages(project: Project):
+    record = run(project)
+    assert (record["name"], record["seed"], record["quality"]) == ("points", 7, "pass")
+    assert record["config"] == parse((OUT / "config.yaml").read_text(), "").values
+    assert record["versions"]["scaffold-pipeline"] == "0.1.0"
+    assert record["versions"]["fake-plugin"] == "1.0"
+    assert {"numpy", "pydantic"} <= set(record["versions"])
+    assert record["platform"]["cores"] >= 1
+    assert [stage["label"] for stage in record["stages"]] == [entry["use"] for entry in record["config"]["stages"]]
+    assert record["warnings"] == ["grow_points: the points reach beyond 1 mm"]
+    for name in ("version", "parameters", "inputs", "output", "seconds", "peak_memory_bytes", "seed"):
+        assert name in record["stages"][0]
+
+
+def test_files_of_the_stages_name_the_config_they_come_from(project: Project):
+    record = run(project)
+    assert (OUT / "points.txt").read_text().splitlines()[0] == record["config_sha256"]
+
+
+def test_the_config_hash_is_that_of_what_is_asked_not_of_where_it_stands(project: Project):
+    project.write("1.0", "a/points.txt")
+    project.write("1.0", "b/points.txt")
+    text = "stages: [{use: read_points, path: points.txt}]"
+    hashes = []
+    for folder in ("a", "b"):
+        plan = make_plan(read_draft(project.write(text, f"{folder}/config.yaml")))
+        hashes.append(publish(plan, execute(plan, Path(folder, "out")), Path(folder, "out"))["config_sha256"])
+    assert hashes[0] == hashes[1]
+
+
+def test_the_resolved_config_runs_again_and_changes_nothing(project: Project):
+    record = run(project)
+    plan = make_plan(read_draft(OUT / "config.yaml"))
+    again = publish(plan, execute(plan, OUT), OUT)
+    assert all(stage["reused"] for stage in again["stages"])
+    assert again["config_sha256"] == record["config_sha256"]
+    same = {name: facts for name, facts in record["files"].items() if name != "report.html"}
+    assert {name: again["files"][name] for name in same} == same
+
+
+def test_the_resolved_config_of_a_file_is_found_from_anywhere(project: Project, monkeypatch: pytest.MonkeyPatch):
+    project.write("1.0", "sub/points.txt")
+    plan = make_plan(read_draft(project.write("stages: [{use: read_points, path: points.txt}]", "sub/config.yaml")))
+    publish(plan, execute(plan, OUT), OUT)
+    config = (OUT / "config.yaml").resolve()
+    monkeypatch.chdir("/")
+    assert make_plan(read_draft(config)).resolved() == plan.resolved()
+
+
+def test_metrics_are_flat_and_tell_time_and_memory(project: Project):
+    record = run(project)
+    metrics = json.loads((OUT / "metrics.json").read_text())
+    assert {name: metrics[name] for name in ("points", "drawn", "quality")} == {
+        "points": 4,
+        "drawn": True,
+        "quality": "pass",
+    }
+    assert metrics["seconds"] == pytest.approx(sum(stage["seconds"] for stage in record["stages"]), abs=1e-3)
+    assert metrics["peak_memory_bytes"] == max(stage["peak_memory_bytes"] for stage in record["stages"])
+
+
+def test_a_run_that_measures_nothing_says_so(project: Project):
+    plan = make_plan(read_draft(project.write("stages: [{use: make_points}]")))
+    assert run_metrics(execute(plan, OUT))["quality"] == "not measured"
+
+
+def test_files_of_an_earlier_run_that_this_one_has_not_are_removed(project: Project):
+    run(project)
+    (OUT / "notes.txt").write_text("mine")
+    run(project, CHAIN, "write_points.names=[points.txt]")
+    assert visible() == ["config.yaml", "metrics.json", "notes.txt", "points.txt", "report.html", "run.json"]
+
+
+@pytest.mark.parametrize(
+    "record",
+    ["", "[]", "3", '{"files": 3}', '{"files": {"../kept.txt": {}, "..": {}, ".": {}, ".store": {}, "gone.txt": {}}}'],
+)
+def test_a_record_that_is_none_removes_nothing(project: Project, record: str):
+    run(project)
+    Path("kept.txt").write_text("mine")
+    (OUT / "run.json").write_text(record)
+    run(project)
+    assert Path("kept.txt").read_text() == "mine"
+    assert "points.txt" in visible()
+
+
+def test_a_failure_on_the_way_out_leaves_the_earlier_files_as_they_were(
+    project: Project, monkeypatch: pytest.MonkeyPatch
+):
+    run(project)
+    before = {name: (OUT / name).read_bytes() for name in visible()}
+
+    def fail(*_: object) -> str:
+        raise RuntimeError("no page")
+
+    monkeypatch.setattr(publishing, "render_page", fail)
+    with pytest.raises(RuntimeError, match="no page"):
+        run(project, CHAIN, "seed=8")
+    assert {name: (OUT / name).read_bytes() for name in visible()} == before
+    assert not list(OUT.glob(".publish-*"))
+
+
+def test_what_a_run_killed_on_the_way_out_left_is_removed(project: Project):
+    run(project)
+    (OUT / ".publish-123").mkdir()
+    (OUT / ".publish-123" / "points.txt").write_text("half")
+    run(project)
+    assert not list(OUT.glob(".publish-*"))
+
+
+def test_the_record_is_renamed_last(project: Project, monkeypatch: pytest.MonkeyPatch):
+    order: list[str] = []
+    original = Path.replace
+
+    def replace(self: Path, target: Path) -> Path:
+        if Path(target).parent == OUT:
+            order.append(Path(target).name)
+        return original(self, target)
+
+    monkeypatch.setattr(Path, "replace", replace)
+    run(project)
+    assert order[-1] == "run.json"
+    assert len(order) == len(visible())
+
+
+def test_warnings_of_the_run_itself_are_in_the_record(project: Project):
+    run(project)
+    for path in (OUT / ".store" / "results").iterdir():
+        path.write_text("")
+    record = run(project)
+    assert sum("cannot be read; the stage is run again" in message for message in record["warnings"]) == 5

@@ -1,0 +1,112 @@
+"""Shapes that the tests make themselves: closed surfaces, regular meshes and fields of known form."""
+
+from __future__ import annotations
+
+from itertools import permutations, product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.artifacts import OuterShape, ScalarField, VolumeMesh
+from scaffold_stages._kernels import triangles
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Surface = tuple[Floats, Ints]
+Point = tuple[float, float, float]
+
+_CUBE = np.array(list(product((0, 1), repeat=3)))
+_CUBE_FACES = np.array(
+    [
+        *([0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1]),
+        *([2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]),
+    ]
+)
+
+
+def box(low: Point, high: Point) -> Surface:
+    """Return a box of 12 triangles."""
+    corners = np.array([low, high], float)
+    return np.take_along_axis(corners, _CUBE, axis=0), _CUBE_FACES.astype(np.int64)
+
+
+def ball(radius: float, centre: Point = (0.0, 0.0, 0.0), divisions: int = 4) -> Surface:
+    """Return an octahedron, its faces quartered `divisions` times and pushed out to a sphere: 8 x 4^n triangles."""
+    vertices = np.concatenate([np.eye(3), -np.eye(3)])
+    faces = np.array([(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)])
+    for _ in range(divisions):
+        corners = vertices[faces]
+        middles = (corners + np.roll(corners, -1, axis=1)) / 2.0
+        middles /= np.linalg.norm(middles, axis=2, keepdims=True)
+        (a, b, c), (ab, bc, ca) = np.moveaxis(corners, 1, 0), np.moveaxis(middles, 1, 0)
+        soup = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, ab, bc, ca], axis=1).reshape(-1, 3)
+        vertices, faces = triangles.merge_coincident(soup, np.arange(len(soup)).reshape(-1, 3))
+    return np.asarray(centre) + radius * vertices, faces
+
+
+def together(*surfaces: Surface) -> Surface:
+    """Return several surfaces as one mesh."""
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in surfaces)])
+    faces = [faces + start for (_, faces), start in zip(surfaces, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in surfaces]), np.concatenate(faces)
+
+
+def inverted(surface: Surface) -> Surface:
+    """Return the surface with its normals turned."""
+    return surface[0], surface[1][:, ::-1]
+
+
+def outer_of(surface: Surface) -> OuterShape:
+    return OuterShape(*surface)
+
+
+def tetrahedra(counts: tuple[int, int, int], edge: float = 1.0, origin: Point = (0.0, 0.0, 0.0)) -> VolumeMesh:
+    """Fill a box of cubes with Kuhn's six tetrahedra to the cube."""
+    paths = [
+        np.cumsum([np.zeros(3, int), *np.eye(3, dtype=int)[list(order)]], axis=0) for order in permutations(range(3))
+    ]
+    odd = [np.linalg.det(path[1:] - path[0]) < 0 for path in paths]
+    paths = [path[[0, 2, 1, 3]] if turn else path for path, turn in zip(paths, odd, strict=True)]
+    corners = np.array([np.array(cell) + path for cell in product(*map(range, counts)) for path in paths])
+    lattice, cells = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return VolumeMesh(origin + edge * lattice, tetrahedra=cells.reshape(-1, 4).astype(np.int64))
+
+
+def hexahedra(counts: tuple[int, int, int], edge: float = 1.0) -> VolumeMesh:
+    """Fill a box with cubes."""
+    ring = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    cube = np.array([(*place, z) for z in (0, 1) for place in ring])
+    corners = np.array([np.array(cell) + cube for cell in product(*map(range, counts))])
+    lattice, cells = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    return VolumeMesh(edge * lattice.astype(float), hexahedra=cells.reshape(-1, 8).astype(np.int64))
+
+
+def samples_over(low: Point, high: Point, spacing: float, margin: int = 3) -> tuple[Floats, Floats]:
+    """Return the origin (3,) and the samples (nx, ny, nz, 3) of a grid over a box and `margin` samples around it."""
+    counts = np.ceil((np.array(high) - low) / spacing).astype(int) + 1 + 2 * margin
+    origin = np.array(low) - margin * spacing
+    return origin, origin + spacing * np.moveaxis(np.indices(counts), 0, -1)
+
+
+def gyroid(outer: OuterShape, spacing: float, period: float) -> ScalarField:
+    """Return Schoen's gyroid over an outer shape, some -1.5 to 1.5: half pores at 0, in one piece from -1.3 to 1.3."""
+    low, high = outer.bounds
+    origin, places = samples_over(tuple(low), tuple(high), spacing)
+    x, y, z = np.moveaxis(2.0 * np.pi / period * places, -1, 0)
+    values = np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x)
+    return ScalarField(values.astype(np.float32), origin, spacing)
+
+
+def require_closed(vertices: Floats, faces: Ints) -> None:
+    """Assert that a surface is a closed oriented manifold, also when merged by its single-precision positions."""
+    assert len(faces)
+    assert not any(triangles.edge_faults(faces))
+    assert triangles.touching_vertices(faces) == 0
+    _, merged = triangles.merge_coincident(vertices.astype(np.float32).astype(float), faces)
+    assert not any(triangles.edge_faults(merged))
+    assert triangles.touching_vertices(merged) == 0
+
+
+def volume_of(surface: Surface) -> float:
+    a, b, c = np.moveaxis((surface[0] - surface[0].mean(axis=0))[surface[1]], 1, 0)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)

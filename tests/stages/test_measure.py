@@ -1,0 +1,197 @@
+"""What is measured is exact on solids of known form, and each gate fails on a planted fault alone."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from scaffold_pipeline.artifacts import Certificate, IsoSurface, Metrics, ScalarField, Solid
+from scaffold_pipeline.contract import stage_from_function
+from scaffold_stages._kernels import solids
+from scaffold_stages.measure import MeasureParams, measure
+from shapes import box, inverted, outer_of, tetrahedra, together
+
+OUTER = outer_of(box((0.0, 0.0, 0.0), (10.0, 8.0, 6.0)))
+POROSITY = 4.0 * 3.0 * 6.0 / 480.0
+
+
+def pierced():
+    """Return the outer box with a square channel of 4 x 3 mm along z through it."""
+    block = solids.to_body(OUTER.vertices, OUTER.faces, "box")
+    channel = solids.to_body(*box((2.0, 2.0, -1.0), (6.0, 5.0, 7.0)), "channel")
+    return solids.from_body(block - channel)
+
+
+def solid_of(*surfaces: tuple[np.ndarray, np.ndarray], pores: tuple[float, ...] = (72.0,)):
+    return Solid(*together(*surfaces), pore_volumes=np.array(pores))
+
+
+def porous(iso: float = 0.1, porosity: float | None = POROSITY, skin: float = 0.0):
+    return IsoSurface(OUTER.vertices, OUTER.faces, iso=iso, porosity_requested=porosity, skin=skin)
+
+
+def field(channel_max: float = -0.2, strut_min: float = 0.4):
+    certificate = Certificate(np.array([-0.5, channel_max]), np.array([strut_min, 0.9, 0.95]))
+    return ScalarField(np.zeros((3, 4, 5)), np.zeros(3), 0.5, certificate, {"elements": 5})
+
+
+def measured(solid: Solid, **given: object) -> Metrics:
+    inputs = {"porous": porous(), "field": field(), **{k: given.pop(k) for k in ("porous", "field") if k in given}}
+    return measure(solid, OUTER, **inputs, params=MeasureParams.model_validate(given))
+
+
+def test_it_keeps_the_contract_of_a_stage():
+    declared = stage_from_function("measure", measure)
+    assert declared.writes == "metrics"
+    assert {name for name, read in declared.reads.items() if read.optional} == {"mesh"}
+
+
+def test_a_known_solid_is_measured_exactly_and_passes():
+    metrics = measured(solid_of(pierced()))
+    expected = {
+        "porosity": pytest.approx(POROSITY, abs=1e-12),
+        "porosity_requested": POROSITY,
+        "iso": 0.1,
+        "channel_max": -0.2,
+        "strut_min": 0.4,
+        "channels": 2,
+        "channels_closed": 0,
+        "struts": 3,
+        "struts_broken": 0,
+        "solid_pieces": 1,
+        "solid_largest_fraction": 1.0,
+        "closed_pores": 0,
+        "pore_pieces": 1,
+        "pore_largest_fraction": 1.0,
+        "is_manifold": True,
+        "volume_mm3": pytest.approx(480.0 - 72.0),
+        "area_mm2": pytest.approx(2 * (80 + 60 + 48) - 2 * 12 + 2 * (4 + 3) * 6),
+        "outer_volume_mm3": pytest.approx(480.0),
+        "cells": None,
+        "elements": 5,
+        "voxels": 60,
+        "voxel_size": 0.5,
+    }
+    assert {name: metrics.values[name] for name in expected} == expected
+    assert metrics.failed_gates == ()
+    assert metrics.summary()["quality"] == "pass"
+
+
+def test_the_cells_are_those_of_the_mesh():
+    mesh = tetrahedra((1, 2, 3))
+    assert measure(solid_of(pierced()), OUTER, porous(), field(), mesh, params=MeasureParams()).values["cells"] == 36
+
+
+def test_without_a_certificate_its_gate_is_silent():
+    bare = ScalarField(np.zeros((2, 2, 2)), np.zeros(3), 0.5)
+    metrics = measured(solid_of(pierced()), field=bare)
+    assert metrics.failed_gates == ()
+    assert "channel_max" not in metrics.values
+
+
+TINY = box((2.0, 2.0, 2.0), (3.0, 3.0, 3.0))
+OFF = porous(porosity=POROSITY - 0.02)
+FAULTS = {
+    "two pieces": (
+        "one_piece",
+        lambda: {"solid": solid_of(pierced(), box((3.0, 3.0, 1.0), (4.0, 4.0, 2.0))), "porosity_tolerance": 0.1},
+        "one_piece: 2 pieces and 0 closed pores instead of 1 and 0",
+    ),
+    "a closed pore": (
+        "one_piece",
+        lambda: {"solid": solid_of(pierced(), inverted(box((8, 6, 1), (9, 7, 2)))), "porosity_tolerance": 0.1},
+        "one_piece: 1 pieces and 1 closed pores instead of 1 and 0",
+    ),
+    "pores apart": (
+        "pores_connected",
+        lambda: {"solid": solid_of(pierced(), pores=(60.0, 12.0))},
+        "pores_connected: 0.8333 of the pore volume hangs together, at least 0.99 is asked for",
+    ),
+    "another porosity": (
+        "porosity",
+        lambda: {"solid": solid_of(pierced()), "porous": OFF},
+        "porosity: 0.1500 differs from the 0.13 asked for by more than 0.005",
+    ),
+    "iso too low": (
+        "certificate",
+        lambda: {"solid": solid_of(pierced()), "field": field(channel_max=0.3)},
+        "certificate: iso 0.1000 is 0.2000 below channel_max: 1 of 2 channels may be closed",
+    ),
+    "iso too high": (
+        "certificate",
+        lambda: {"solid": solid_of(pierced()), "field": field(strut_min=-0.1)},
+        "certificate: iso 0.1000 is 0.2000 above strut_min: 1 of 3 struts may be broken",
+    ),
+    "touching in single precision": (
+        "manifold",
+        lambda: (
+            {"solid": solid_of(pierced(), box((10.0 + 1e-8, 8.0, 6.0), (11, 9, 7))), "gate_one_piece": False}
+            | {"porosity_tolerance": 0.1}
+        ),
+        "manifold: the solid has open, non-manifold or touching parts",
+    ),
+    "open": (
+        "manifold",
+        lambda: {"solid": solid_of((pierced()[0], pierced()[1][1:])), "porosity_tolerance": 0.1},
+        "manifold: the solid has open, non-manifold or touching parts",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_planted_fault_fails_its_gate_alone_and_says_so(fault: str):
+    name, plant, said = FAULTS[fault]
+    planted = SimpleNamespace(**plant())
+    metrics = measured(**vars(planted))
+    assert len(metrics.failed_gates) == 1
+    assert metrics.failed_gates[0].startswith(said)
+    assert metrics.failed_gates[0].startswith(f"{name}: ")
+    assert "\n" not in metrics.failed_gates[0]
+    assert "; " in metrics.failed_gates[0]  # a remedy
+    assert metrics.summary()["quality"] == list(metrics.failed_gates)
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_every_gate_has_its_switch(fault: str):
+    name, plant, _ = FAULTS[fault]
+    assert measured(**plant(), **{f"gate_{name}": False}).failed_gates == ()
+
+
+def test_a_skin_closes_one_pore_of_necessity():
+    hollow = solid_of(box((0.0, 0.0, 0.0), (10.0, 8.0, 6.0)), inverted(box((2, 2, 2), (6, 5, 4))), pores=(24.0,))
+    assert measured(hollow, porous=porous(porosity=0.05, skin=2.0)).failed_gates == ()
+    assert len(measured(hollow, porous=porous(porosity=0.05)).failed_gates) == 1
+
+
+def test_faults_add_up():
+    bad = solid_of(pierced(), TINY, pores=(30.0, 30.0))
+    metrics = measured(bad, porous=porous(iso=0.5, porosity=0.9))
+    assert [line.partition(":")[0] for line in metrics.failed_gates] == [
+        "one_piece",
+        "pores_connected",
+        "porosity",
+        "certificate",
+    ]
+
+
+def test_a_porosity_within_its_tolerance_passes():
+    near = porous(porosity=POROSITY + 0.0049)
+    assert measured(solid_of(pierced()), porous=near).failed_gates == ()
+    assert len(measured(solid_of(pierced()), porous=near, porosity_tolerance=0.004).failed_gates) == 1
+
+
+def test_with_an_iso_given_no_porosity_is_missed():
+    assert measured(solid_of(pierced()), porous=porous(porosity=None)).failed_gates == ()
+
+
+def test_slivers_of_pores_pass():
+    assert measured(solid_of(pierced(), pores=(71.8, 0.1, 0.1))).failed_gates == ()
+
+
+def test_a_solid_without_pores_has_none_to_connect():
+    whole = solid_of((OUTER.vertices, OUTER.faces), pores=())
+    metrics = measured(whole, porous=porous(porosity=None))
+    assert (metrics.values["pore_pieces"], metrics.values["porosity"]) == (0, pytest.approx(0.0, abs=1e-12))
+    assert [line.partition(":")[0] for line in metrics.failed_gates] == ["pores_connected"]
