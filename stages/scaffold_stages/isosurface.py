@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface, OuterShape, ScalarField
-from scaffold_pipeline.contract import Follows, Millimetres, Params, Share, stage
+from scaffold_pipeline.contract import Follows, Millimetres, Params, Share, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_stages._kernels.contours import iso_surface
 from scaffold_stages._kernels.grids import samples_inside
@@ -30,7 +30,7 @@ class IsosurfaceParams(Params):
     porosity: Share | None = Field(default=None, gt=0.0, lt=1.0)
     """Share of the outer shape's volume that shall be pores, met on the clipped solid."""
 
-    iso: float | None = None
+    iso: Annotated[float | None, Unit("field value")] = None
     """The field's value at the surface, instead of a porosity: solid is where the field is above it."""
 
     skin: Annotated[Millimetres, Follows("intersect_outer", "skin")] = Field(default=0.0, ge=0.0)

@@ -193,13 +193,14 @@ def exact_rows():
         ends = np.concatenate([elements.points, elements.ends])
         part, out = np.ascontiguousarray(points[::8]), np.empty(len(points[::8]))
         plain = 8 * seconds_of(
-            lambda: compiled.exact(at(part), len(part), at(starts), at(ends), at(weights), len(weights), 0.1, at(out)), 1
+            lambda: compiled.exact(at(part), len(part), at(starts), at(ends), at(weights), len(weights), 0.1, at(out)),
+            1,
         )
         yield "exact / plain C++ loops over float64 pairs, 1 core", f"{plain / ours:.1f}"
 
 
 def block_mesh(cubes):
-    """Return a unit block of cubes of six tetrahedra each, its inner vertices jittered, with edges of about `EDGE` voxels."""
+    """Return a block of cubes of six tetrahedra each, inner vertices jittered, `EDGE` voxels to a cube."""
     mesh = tetrahedra((cubes, cubes, cubes), edge=float(EDGE))
     rng = np.random.default_rng(0)
     inner = ((mesh.vertices > 0.0) & (mesh.vertices < cubes * EDGE)).all(axis=1)
@@ -219,7 +220,10 @@ def sparse_rows():
     bins = in_every_block(segments, 64, axis)
     few = np.arange(2)
     brute = timed_blocks(segments, bins, axis, CORES[-1], few) / (len(few) * ROWS * ROWS * shepard.LANES) * 256**3
-    yield f"{len(mesh.tetrahedra)} tetrahedra, 256^3: all segments at every voxel / ours, certificate included", f"{brute / whole:.0f}"
+    yield (
+        f"{len(mesh.tetrahedra)} tetrahedra, 256^3: all segments at every voxel / ours, certificate included",
+        f"{brute / whole:.0f}",
+    )
 
 
 def growth_rows(*, small):
@@ -236,7 +240,10 @@ def growth_rows(*, small):
         per_voxel[side] = seconds / side**3
         label = f"{len(mesh.tetrahedra)} tetrahedra, {side}^3 voxels"
         yield f"{label}: seconds, {CORES[-1]} cores, certificate included", f"{seconds:.1f}"
-        yield f"{label}: peak memory / field", f"{memory.peak / field.values.nbytes:.1f} ({memory.peak / 2**30:.2f} GiB)"
+        yield (
+            f"{label}: peak memory / field",
+            f"{memory.peak / field.values.nbytes:.1f} ({memory.peak / 2**30:.2f} GiB)",
+        )
     sides = sorted(per_voxel)
     for side in sides[1:]:
         yield f"time per voxel, {side}^3 / {sides[0]}^3", f"{per_voxel[side] / per_voxel[sides[0]]:.2f}"

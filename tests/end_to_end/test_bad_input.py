@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+
 from scaffold_pipeline.cli import main
 from scaffold_stages._kernels.stl import to_stl
 
@@ -93,11 +94,10 @@ def test_a_surface_that_passes_through_itself_is_refused(run, tmp_path):
 
 
 def test_a_missing_file_and_a_directory_are_faults_of_the_config(run, tmp_path):
-    assert run(path="nowhere.stl") == (
-        2,
-        [f"{tmp_path}/config.yaml:5:5: stages.0 (load_surface): path: no such file: {tmp_path}/nowhere.stl; "
-         "paths in a config are relative to the config"],
-    )  # fmt: skip
+    fault = "stages.0 (load_surface): path: no such file:"
+    remedy = "paths in a config are relative to the config"
+    line = f"{tmp_path}/config.yaml:5:5: {fault} {tmp_path}/nowhere.stl; {remedy}"
+    assert run(path="nowhere.stl") == (2, [line])
     (tmp_path / "folder.stl").mkdir()
     code, lines = run(path="folder.stl")
     assert (code, len(lines)) == (2, 1)

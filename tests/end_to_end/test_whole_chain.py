@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+
 from end_to_end.solid_judge import faults_of
 from scaffold_pipeline.cli import main
 

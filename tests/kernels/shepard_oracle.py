@@ -22,7 +22,7 @@ FACES = {
 
 
 class Net(NamedTuple):
-    """Segments from `starts` to `ends` (n, 3), `values` (n,) +1 or -1, struts first, and the mesh's `sizes` (n,) there."""
+    """Segments from `starts` to `ends` (n, 3), struts first, `values` +1 or -1 and `sizes` of the mesh there (n,)."""
 
     starts: Floats
     ends: Floats
@@ -125,7 +125,7 @@ def graded() -> Mesh:
 
 
 def mixed() -> Mesh:
-    """A hexahedron, with a pyramid on its top, a wedge at its side and a tetrahedron under the wedge: all four kinds."""
+    """All four kinds: a hexahedron, a pyramid on its top, a wedge at its side and a tetrahedron under the wedge."""
     roof, ridge, tip = (0.4, 0.5, 1.8), [(1.9, 0.1, 0.0), (1.8, 0.0, 1.1)], (1.3, 0.4, -0.7)
     vertices = np.array([*HEXAHEDRON, roof, *ridge, tip])
     cells = {

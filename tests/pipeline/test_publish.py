@@ -2,16 +2,18 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import pytest
 
 from pipeline.workplace import Project
 from scaffold_pipeline.config import read_draft
+from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.plan import make_plan
 from scaffold_pipeline.report import publish as publishing
 from scaffold_pipeline.report.publish import publish, run_metrics
-from scaffold_pipeline.runner import execute
+from scaffold_pipeline.runner import execute, locked
 from scaffold_pipeline.store import hash_file
 from scaffold_pipeline.yaml_source import parse
 
@@ -184,3 +186,21 @@ def test_warnings_of_the_run_itself_are_in_the_record(project: Project):
         path.write_text("")
     record = run(project)
     assert sum("cannot be read; the stage is run again" in message for message in record["warnings"]) == 5
+
+
+def test_nothing_is_put_into_a_directory_that_another_run_holds(project: Project):
+    plan = project.plan(CHAIN)
+    result = execute(plan, OUT)
+    refused: list[Exception] = []
+
+    def publish_too() -> None:
+        with pytest.raises(PipelineError, match="another run is using this directory") as caught:
+            publish(plan, result, OUT)
+        refused.append(caught.value)
+
+    with locked(OUT):
+        thread = Thread(target=publish_too)
+        thread.start()
+        thread.join()
+    assert len(refused) == 1
+    assert visible() == []

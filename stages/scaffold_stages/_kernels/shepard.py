@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,8 +47,8 @@ _SHORTEST = float(np.finfo(np.float32).tiny)
 _STRIDE = 64
 """Blocks are worked on in this stride, so that the equal shares of all threads take equal time."""
 
-_ONE = np.float32(1.0)
-_ZERO = np.float32(0.0)
+_ONE: Any = np.float32(1.0)  # a plain 1.0 would make everything that it meets double precision
+_ZERO: Any = np.float32(0.0)
 _SAMPLES = 9
 _REFINED = 1000
 _REFINEMENTS = 20
@@ -58,8 +59,8 @@ _GOLDEN = (3.0 - 5.0**0.5) / 2.0
 class Segments:
     """Struts, then channels, in units of `unit` mm about `centre` (3,), as contiguous rows.
 
-    `starts` and `steps` (3, n), a segment runs from start to start + step; `shapes` (n,) is (c h)^2; `reaches` (n,)
-    is (R h)^2; the first `struts` segments have u = +1; `power` is p/2.
+    `starts` and `steps` (3, n), a segment runs from start to start + step; `shapes` (n,) is (c h)^2, taken to be at
+    least `LEAST_SHAPE`; `reaches` (n,) is (R h)^2; the first `struts` segments have u = +1; `power` is p/2.
     """
 
     starts: Floats
@@ -158,8 +159,8 @@ def _squared_distance(x: float, y: float, z: float, starts: Floats, steps: Float
 def _squared_offset(
     wx: float, wy: float, wz: float, dx: float, dy: float, dz: float, along: float, inverse_length: float
 ) -> float:
-    """Return the squared distance of start + w to the segment start..start + d; `along` = w.d, `inverse_length` = 1/d.d."""
-    t = min(max(along * inverse_length, _ZERO), _ONE)
+    """Return the squared distance of a + w to the segment from a to a + d; `along` is w.d, `inverse_length` 1 / d.d."""
+    t: float = min(max(along * inverse_length, _ZERO), _ONE)
     ex, ey, ez = wx - t * dx, wy - t * dy, wz - t * dz
     return ex * ex + ey * ey + ez * ez
 
@@ -167,14 +168,14 @@ def _squared_offset(
 @kernel(fastmath=_FAST, inline=True)
 def _weight(squared_distance: float, shape: float, inverse_reach: float, power: int) -> float:
     """Return k of a squared distance; `shape` = (c h)^2, `inverse_reach` = 1 / (R h)^2, `power` = p / 2."""
-    taper = max(_ZERO, _ONE - squared_distance * inverse_reach)
-    q = _ONE / (squared_distance + shape)
+    taper: float = max(_ZERO, _ONE - squared_distance * inverse_reach)
+    q: float = _ONE / (squared_distance + shape)
     k = q
-    if power == 2:
+    if power == 2:  # noqa: PLR2004 - of q
         k = q * q
-    elif power == 3:
+    elif power == 3:  # noqa: PLR2004 - of q
         k = q * q * q
-    elif power == 4:
+    elif power == 4:  # noqa: PLR2004 - of q
         k = (q * q) * (q * q)
     return k * (taper * taper)
 
@@ -184,8 +185,9 @@ def _table(segments: Segments) -> Floats:
     squares = segments.steps**2
     lengths, seen_along_z = squares.sum(axis=0), squares[:2].sum(axis=0)
     inverses = [np.divide(1.0, s, out=np.zeros_like(s), where=s > _SHORTEST) for s in (lengths, seen_along_z)]
+    shapes = np.maximum(segments.shapes, LEAST_SHAPE)
     return np.stack(
-        [*segments.starts, *segments.steps, inverses[0], segments.shapes, 1.0 / segments.reaches, inverses[1]], axis=1
+        [*segments.starts, *segments.steps, inverses[0], shapes, 1.0 / segments.reaches, inverses[1]], axis=1
     )
 
 
@@ -199,13 +201,13 @@ def field_on_blocks(
     (0, 0, 0) lies at `origin` (3,), `spacing` apart, in the segments' units. Returns how many samples of
     `inside` (nx, ny, nz) are not reached by segments of both signs.
     """
-    axes = [np.float32(origin[axis] + spacing * np.arange(values.shape[axis])) for axis in range(3)]
+    xs, ys, zs = ((x + spacing * np.arange(n)).astype(np.float32) for x, n in zip(origin, values.shape, strict=True))
     rows = np.array([round(size / spacing) for size in bins.sizes[:2]])
     half_reached = np.zeros(len(active), np.int64)
     spread = active[np.argsort(np.arange(len(active)) % _STRIDE, kind="stable")]
     _fill_blocks(
         _table(segments).astype(np.float32), segments.struts, segments.power, bins.offsets, bins.members,
-        np.array(bins.shape), rows, spread, *axes, inside, values, half_reached,
+        np.array(bins.shape), rows, spread, xs, ys, zs, inside, values, half_reached,
     )  # fmt: skip
     return int(half_reached.sum())
 
@@ -339,7 +341,7 @@ def extremes_along(segments: Segments, bins: Bins, starts: Floats, ends: Floats,
     extremes[closest] = _refined(
         lambda t: sign * field_at(segments, bins, a + t[:, None] * step), extremes[closest], places[closest]
     )
-    return sign * extremes
+    return np.asarray(sign * extremes)
 
 
 def _refined(value_at: Callable[[Floats], Floats], best: Floats, place: Floats) -> Floats:
