@@ -302,6 +302,15 @@ def test_the_certificate_is_the_extreme_of_a_fine_sampling(name: str):
     assert found_least.min() == pytest.approx(least.min(), abs=1e-4)
 
 
+@compiled_only
+def test_the_certificate_does_not_depend_on_how_many_segments_are_sampled_at_once(monkeypatch: pytest.MonkeyPatch):
+    net = net_of(MESHES["jittered"]())
+    whole = certified(net)
+    monkeypatch.setattr(shepard_module, "_AT_ONCE", 7)
+    for one, other in zip(whole, certified(net), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def certified(net: Net, c: float = C, exponent: int = EXPONENT) -> tuple[Floats, Floats]:
     """The greatest s on each channel and the least on each strut."""
     segments = segments_of(net, c, exponent)

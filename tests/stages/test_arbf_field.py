@@ -35,7 +35,7 @@ from scaffold_stages import arbf_field as module
 from scaffold_stages._kernels.skeleton import skeleton_of
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 
-C, EXPONENT, SUPPORT = 0.02, 4, 1.3
+C, EXPONENT, SUPPORT = 0.01, 4, 1.0
 BOX = [
     *((0, 1, 2), (1, 3, 2), (4, 6, 5), (5, 6, 7), (0, 4, 1), (1, 4, 5)),
     *((2, 3, 6), (3, 7, 6), (0, 2, 4), (2, 6, 4), (1, 5, 3), (3, 5, 7)),

@@ -50,6 +50,7 @@ _STRIDE = 64
 _ONE: Any = np.float32(1.0)  # a plain 1.0 would make everything that it meets double precision
 _ZERO: Any = np.float32(0.0)
 _SAMPLES = 9
+_AT_ONCE = 100_000
 _REFINED = 1000
 _REFINEMENTS = 20
 _GOLDEN = (3.0 - 5.0**0.5) / 2.0
@@ -333,15 +334,18 @@ def extremes_along(segments: Segments, bins: Bins, starts: Floats, ends: Floats,
     point, by golden section.
     """
     shares = np.linspace(0.0, 1.0, _SAMPLES)
-    points = starts[:, None] + shares[:, None] * (ends - starts)[:, None]
-    samples = sign * field_at(segments, bins, points.reshape(-1, 3)).reshape(-1, _SAMPLES)
-    extremes, places = samples.max(axis=1), shares[samples.argmax(axis=1)]
+    extremes, places = np.empty(len(starts)), np.empty(len(starts))
+    for first in range(0, len(starts), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        points = starts[part, None] + shares[:, None] * (ends - starts)[part, None]
+        samples = sign * field_at(segments, bins, points.reshape(-1, 3)).reshape(-1, _SAMPLES)
+        extremes[part], places[part] = samples.max(axis=1), shares[samples.argmax(axis=1)]
     closest = np.sort(np.argsort(-extremes, kind="stable")[:_REFINED])
     a, step = starts[closest], (ends - starts)[closest]
     extremes[closest] = _refined(
         lambda t: sign * field_at(segments, bins, a + t[:, None] * step), extremes[closest], places[closest]
     )
-    return np.asarray(sign * extremes)
+    return sign * extremes
 
 
 def _refined(value_at: Callable[[Floats], Floats], best: Floats, place: Floats) -> Floats:
