@@ -130,20 +130,23 @@ class _Tried:
 
 
 def _next_size(tried: list[_Tried], diagonal: float, *, may_coarsen: bool) -> _Size:
-    """Interpolate between attempts on either side; before there are both, correct the last by what it gave.
+    """Correct the last target by what it gave; between attempts on either side of what is wanted, interpolate.
 
     Details of the surface hold the size of cells down whatever the target: on the heel bone at 8 mm, with an envelope
     of a tenth, targets of 8 and 10.4 mm gave mean edges of 6.5 and 6.9 mm; with an envelope half as wide again, 8.0 mm.
     So a mesh of too small cells may leave the surface more.
     """
     last = tried[-1]
-    least, greatest = (factor * diagonal for factor in FACTOR_LIMITS)
     small = next((attempt for attempt in reversed(tried) if attempt.ratio < 1.0), None)
     large = next((attempt for attempt in reversed(tried) if attempt.ratio >= 1.0), None)
     if small and large:
-        share = np.log(small.ratio) / np.log(small.ratio / large.ratio)
-        target = small.size.target * (large.size.target / small.size.target) ** share
-        return _Size(float(target), max(small.size.envelope, large.size.envelope))
+        is_repeated = (tried[-2].ratio < 1.0) == (last.ratio < 1.0)
+        share = 0.5 if is_repeated else float(np.log(small.ratio) / np.log(small.ratio / large.ratio))
+        return _Size(
+            small.size.target * (large.size.target / small.size.target) ** share,
+            small.size.envelope * (large.size.envelope / small.size.envelope) ** share,
+        )
+    least, greatest = (factor * diagonal for factor in FACTOR_LIMITS)
     growth = float(np.clip(last.ratio**-2.0, 1.0, GREATEST_GROWTH)) if may_coarsen else 1.0
     envelope = max(min(growth * last.size.envelope, LIMITS[1] * diagonal), last.size.envelope)
     return _Size(float(np.clip(last.size.target / last.ratio, least, greatest)), envelope)

@@ -173,11 +173,11 @@ def test_a_cell_with_coincident_corners_gives_a_field():
 
 
 def test_a_closed_channel_and_a_broken_strut_are_counted():
-    mesh = pinched()
-    certificate = field_of(mesh, voxel_size=0.2).certificate
+    mesh, c = pinched(), 0.02
+    certificate = field_of(mesh, voxel_size=0.2, c=c).certificate
     assert certificate is not None
     net = net_of(mesh)
-    greatest, least = extremes(net, C, EXPONENT, SUPPORT, 1025)
+    greatest, least = extremes(net, c, EXPONENT, SUPPORT, 1025)
     skeleton = skeleton_of(*mesh)
     sliver = np.linalg.norm(skeleton.channel_ends - mesh.vertices[[1, 2, 3]].mean(axis=0), axis=1) < 1e-9
     over_the_face = (skeleton.edges == (0, 3)).all(axis=1)
