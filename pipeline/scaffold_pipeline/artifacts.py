@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -196,15 +196,26 @@ class VolumeMesh(Artifact):
 class Certificate(Artifact):
     """What a field promises of connectivity before any voxel is computed (sampled along each segment).
 
-    `channel_maxima` (n,) greatest s on each channel, `strut_minima` (m,) least s on each mesh edge.
+    `channel_maxima` (n,) greatest s on each channel, `strut_minima` (m,) least s on each mesh edge. `channel_rings`
+    (n, 3) and `strut_rings` (m, 3) are the same on rings around each, `RING_SHARES` of `voxel_size` (mm) away; None
+    where that was not looked at.
     """
+
+    RING_SHARES: ClassVar[tuple[float, ...]] = (1.0, 0.5, 0.25)
+    """A strut is thinner than two voxels where it is void at one voxel from its axis; the rest tells what would do."""
 
     channel_maxima: Floats
     strut_minima: Floats
+    channel_rings: Floats | None = None
+    strut_rings: Floats | None = None
+    voxel_size: float = 0.0
 
     def __post_init__(self) -> None:
-        self._own("channel_maxima", np.float64, (None,))
-        self._own("strut_minima", np.float64, (None,))
+        for name in ("channel_maxima", "strut_minima"):
+            self._own(name, np.float64, (None,))
+        for name in ("channel_rings", "strut_rings"):
+            if getattr(self, name) is not None:
+                self._own(name, np.float64, (None, len(self.RING_SHARES)))
         super().__post_init__()
 
     @property
@@ -218,7 +229,7 @@ class Certificate(Artifact):
         return float(self.strut_minima.min())
 
     def at(self, iso: float) -> dict[str, Fact]:
-        """Return the window and how many channels are closed and struts broken at `iso`."""
+        """Return the window, how many channels are closed and struts broken at `iso`, and how many are too thin."""
         return {
             "channel_max": self.channel_max,
             "strut_min": self.strut_min,
@@ -226,7 +237,21 @@ class Certificate(Artifact):
             "channels_closed": int((self.channel_maxima >= iso).sum()),
             "struts": len(self.strut_minima),
             "struts_broken": int((self.strut_minima <= iso).sum()),
+            "under_resolved": None if (counts := self._thin(iso)) is None else counts[0],
         }
+
+    def resolving_voxel_size(self, iso: float) -> float | None:
+        """Return the greatest of the sizes tried, mm, at which no strut or channel is thinner than two voxels."""
+        counts = self._thin(iso) or []
+        enough = [share for share, count in zip(self.RING_SHARES, counts, strict=False) if not count]
+        return self.voxel_size * enough[0] if enough else None
+
+    def _thin(self, iso: float) -> list[int] | None:
+        """Return how many struts and channels are thinner than two voxels, for each of the ring shares."""
+        if self.channel_rings is None or self.strut_rings is None:
+            return None
+        counts: list[int] = ((self.channel_rings >= iso).sum(axis=0) + (self.strut_rings <= iso).sum(axis=0)).tolist()
+        return counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +259,8 @@ class ScalarField(Artifact):
     """A field on a regular grid: solid where it is above the iso-value, void elsewhere.
 
     `values` (nx, ny, nz) float32, value [i, j, k] at `origin + spacing * (i, j, k)` mm; `origin` (3,) mm;
-    `spacing` mm, the same along all axes. `facts` are what the maker measured.
+    `spacing` mm, the same along all axes. `facts` are what the maker measured. `point_values` (n,) is the field itself
+    at `points` (n, 3) mm that were asked for.
     """
 
     values: NDArray[np.float32]
@@ -242,10 +268,14 @@ class ScalarField(Artifact):
     spacing: float
     certificate: Certificate | None = None
     facts: Mapping[str, Fact] = field(default_factory=dict)
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    point_values: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         self._own("values", np.float32, (None, None, None))
         self._own("origin", np.float64, (3,))
+        self._own("points", np.float64, (None, 3))
+        self._own("point_values", np.float64, (len(self.points),))
         if not 0.0 < self.spacing < np.inf:
             raise StageError(f"ScalarField.spacing: must be a positive length, got {self.spacing}")
         if min(self.values.shape) < 2:  # noqa: PLR2004 - a cube of the grid has two samples along each axis

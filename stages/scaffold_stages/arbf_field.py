@@ -9,23 +9,29 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scaffold_pipeline.artifacts import Certificate, Fact, Floats, Ints, OuterShape, ScalarField, VolumeMesh
-from scaffold_pipeline.contract import Millimetres, Params, Unit, stage
+from scaffold_pipeline.contract import Follows, InputFile, Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.memory import available_memory
 from scaffold_stages._kernels.grids import Bools, grid_over, grown, samples_inside
 
 if TYPE_CHECKING:
-    from scaffold_stages._kernels.interpolant import Elements, Solution
-    from scaffold_stages._kernels.shepard import Segments
+    from scaffold_stages._kernels.certificate import FieldAt
+    from scaffold_stages._kernels.interpolant import Solution
+    from scaffold_stages._kernels.shepard import Bins, Segments
     from scaffold_stages._kernels.skeleton import Skeleton
 
 Basis = Literal["gaussian", "multiquadric", "inverse_multiquadric", "thin_plate_spline"]
+SampleCount = Annotated[int, Field(ge=2)]
 Distance = Literal["endpoint", "endpoint-to-segment", "exact"]
 
 MARGIN = 3
@@ -54,15 +60,34 @@ MOST_UNKNOWNS = 8000
 _BOX = 0.5
 """Edge of the boxes that the certificate sorts segments into, mean edge lengths: 0.5 was fastest of 0.25 to 1."""
 
-_SAMPLES = 33
 _USUAL = 2.0
+"""Greatest |s| of a healthy exact field: small meshes of the paper reach 1.8."""
+
+
+class GridParams(Params):
+    """A regular grid: sample (i, j, k) lies at `origin + spacing * (i, j, k)`."""
+
+    origin: Annotated[tuple[float, float, float], Unit("mm")]
+    """Place of the first sample."""
+
+    spacing: Millimetres = Field(gt=0.0)
+    """Distance between samples along each axis."""
+
+    shape: tuple[SampleCount, SampleCount, SampleCount]
+    """Number of samples along x, y and z."""
 
 
 class ArbfFieldParams(Params):
     """Parameters of `arbf_field`."""
 
-    voxel_size: Millimetres = Field(gt=0.0)
+    voxel_size: Annotated[float | None, Unit("mm")] = Field(default=None, gt=0.0)
     """Distance between samples of the field; a strut or pore should span at least four."""
+
+    grid: GridParams | None = None
+    """The grid itself, instead of a voxel size."""
+
+    points: Annotated[InputFile | None, Follows("write_field", "points")] = None
+    """CSV file of points x, y, z in mm at which the field, not its voxels, is evaluated for `write_field`."""
 
     interpolation: Literal["normalised", "exact"] = "normalised"
     """`normalised` for real anatomy; `exact` for the published form on small meshes."""
@@ -86,6 +111,12 @@ class ArbfFieldParams(Params):
     """Reading of the distance between two segments, `exact` only; endpoint-to-segment."""
 
     @model_validator(mode="after")
+    def _one_grid(self) -> ArbfFieldParams:
+        if (self.voxel_size is None) == (self.grid is None):
+            raise ValueError("give either voxel_size or grid")
+        return self
+
+    @model_validator(mode="after")
     def _only_what_applies(self) -> ArbfFieldParams:
         foreign = ("basis", "distance") if self.interpolation == "normalised" else ("exponent", "support")
         for name in foreign:
@@ -96,7 +127,7 @@ class ArbfFieldParams(Params):
         return self
 
 
-@stage(writes="field", version=2)
+@stage(writes="field", version=3)
 def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) -> ScalarField:
     """Compute the ARBF field of a volume mesh on voxels over the outer shape, and certify its connectivity.
 
@@ -105,19 +136,50 @@ def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) 
     """
     from scaffold_stages._kernels.skeleton import skeleton_of
 
-    spacing = params.voxel_size
-    _require_memory(outer.bounds, spacing)
-    origin, shape = grid_over(outer.bounds, spacing, MARGIN)
+    origin, spacing, shape = _grid(outer.bounds, params)
     inside = samples_inside(outer.vertices, outer.faces, origin, spacing, shape)
     if not inside.any():
         raise StageError(f"voxel_size {spacing:g} mm: no sample lies inside the outer shape; use a smaller one")
     skeleton = skeleton_of(mesh.vertices, mesh.cells)
-    compute = _normalised if params.interpolation == "normalised" else _exact
-    near = grown(inside, 2)
-    values, certificate, facts = compute(skeleton, origin, inside, near, params)
-    values[~near] = -1.0
+    field = _normalised(skeleton, params) if params.interpolation == "normalised" else _exact(skeleton, params)
+    voxels = _Voxels(origin, spacing, inside, near=grown(inside, 2))
+    values = field.on_voxels(voxels)
+    values[~voxels.near] = -1.0
     values.setflags(write=False)  # or the artifact would copy it
-    return ScalarField(values, origin, spacing, certificate, facts)
+    certificate = _certificate(skeleton, field.at, spacing)
+    if field.solution:
+        on_skeleton = max(np.abs(certificate.channel_maxima).max(), np.abs(certificate.strut_minima).max())
+        _warn_of_health(field.solution, float(max(on_skeleton, np.abs(values[inside]).max())))
+    points = np.empty((0, 3)) if params.points is None else _read_points(params.points)
+    return ScalarField(values, origin, spacing, certificate, field.facts, points, field.at(points))
+
+
+def _grid(bounds: Floats, params: ArbfFieldParams) -> tuple[Floats, float, tuple[int, int, int]]:
+    """Return origin, spacing and shape of the grid: the one given, or the one that covers `bounds` (2, 3)."""
+    if params.grid is None:
+        spacing = params.voxel_size or 0.0
+        _require_memory(bounds, spacing)
+        origin, shape = grid_over(bounds, spacing, MARGIN)
+        return origin, spacing, shape
+    grid = params.grid
+    last = np.array(grid.origin) + grid.spacing * (np.array(grid.shape) - 1)
+    _require_memory(np.array([grid.origin, last]), grid.spacing)
+    if (bounds[0] < grid.origin).any() or (bounds[1] > last).any():
+        warnings.warn("grid: does not cover the outer shape; the solid ends where the grid does", PipelineWarning, 3)
+    return np.array(grid.origin, float), grid.spacing, grid.shape
+
+
+def _read_points(path: Path) -> Floats:
+    """Read points (n, 3), mm, from comma-separated text with three columns, under a line of names or not."""
+    try:
+        first = path.read_text(encoding="utf-8").partition("\n")[0]
+        has_names = any(character.isalpha() and character not in "eE" for character in first)
+        points = np.loadtxt(path, delimiter=",", skiprows=int(has_names), ndmin=2, encoding="utf-8")
+    except ValueError as error:
+        raise StageError(f"points: {path.name} is not comma-separated numbers: {error}") from error
+    if points.shape[1] != 3 or not np.isfinite(points).all():  # noqa: PLR2004 - x, y, z
+        raise StageError(f"points: {path.name} must hold finite x, y, z in mm, got {points.shape[1]} columns")
+    return points
 
 
 def _require_memory(bounds: Floats, spacing: float) -> None:
@@ -139,53 +201,80 @@ def _memory_needed(bounds: Floats, spacing: float) -> float:
     return math.prod(counts) * _BYTES_PER_VOXEL
 
 
-_Computed = tuple[np.ndarray, Certificate, dict[str, Fact]]
+@dataclass(frozen=True, eq=False)
+class _Voxels:
+    """Samples at `origin + spacing * (i, j, k)` mm: which lie `inside` the outer shape, which within two of it."""
+
+    origin: Floats
+    spacing: float
+    inside: Bools
+    near: Bools
 
 
-def _normalised(skeleton: Skeleton, origin: Floats, inside: Bools, near: Bools, params: ArbfFieldParams) -> _Computed:
-    from scaffold_stages._kernels import shepard
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """A field that is ready to be computed: on voxels, float32, and at points (n, 3) mm, (n,)."""
 
-    segments = _segments(skeleton, params)
-    first, step = (origin - segments.centre) / segments.unit, params.voxel_size / segments.unit
-    rows = int(np.clip(round(_BLOCK / step), 1, _MOST_ROWS))
-    samples = (rows, rows, shepard.LANES)
-    blocks = tuple(-(-count // rows) for count, rows in zip(inside.shape, samples, strict=True))
-    bins = shepard.bin_segments(segments, first - step / 2.0, step * np.array(samples), blocks)
-    active = _active_blocks(near, blocks, samples)
-    values = np.full(inside.shape, -1.0, np.float32)
-    half_reached = shepard.field_on_blocks(segments, bins, first, step, active, inside, values)
-    del bins  # the certificate's own need as much memory
-    _require_reached(half_reached, params.support or _SUPPORT)
-    certificate = _certificate(segments)
+    on_voxels: Callable[[_Voxels], NDArray[np.float32]]
+    at: FieldAt
+    facts: dict[str, Fact]
+    solution: Solution | None = None
+
+
+def _normalised(skeleton: Skeleton, params: ArbfFieldParams) -> _Field:
+    from scaffold_stages._kernels.shepard import segments_of
+
+    support = params.support or _SUPPORT
+    segments = segments_of(
+        skeleton,
+        c=params.c or _NORMALISED_C,
+        support=support,
+        exponent=params.exponent or _EXPONENT,
+        vertices_only=params.solid == "vertices",
+    )
     facts: dict[str, Fact] = {
         "elements": len(segments.reaches),
         "local_support": float(np.sqrt(segments.reaches.max()) * segments.unit),
     }
-    return values, certificate, facts
+    return _Field(lambda voxels: _on_blocks(segments, voxels, support), _at_points(segments), facts)
 
 
-def _segments(skeleton: Skeleton, params: ArbfFieldParams) -> Segments:
-    """Return struts and channels in mean edge lengths about the mesh's centre: single precision keeps its digits."""
-    from scaffold_stages._kernels.shepard import Segments
+def _on_blocks(segments: Segments, voxels: _Voxels, support: float) -> NDArray[np.float32]:
+    from scaffold_stages._kernels import shepard
 
-    ends = skeleton.vertices[skeleton.edges]
-    if params.solid == "vertices":
-        ends = np.repeat(skeleton.vertices[:, None], 2, axis=1)
-    struts_length = skeleton.local_lengths if params.solid == "vertices" else skeleton.edge_lengths
-    unit, centre = skeleton.mean_edge_length, (skeleton.vertices.min(axis=0) + skeleton.vertices.max(axis=0)) / 2.0
-    starts = np.concatenate([ends[:, 0], skeleton.channel_starts])
-    steps = np.concatenate([ends[:, 1], skeleton.channel_ends]) - starts
-    local = np.concatenate([struts_length, skeleton.channel_lengths]) / unit
-    return Segments(
-        starts=np.ascontiguousarray(((starts - centre) / unit).T),
-        steps=np.ascontiguousarray((steps / unit).T),
-        shapes=((params.c or _NORMALISED_C) * local) ** 2,
-        reaches=((params.support or _SUPPORT) * local) ** 2,
-        struts=len(ends),
-        power=(params.exponent or _EXPONENT) // 2,
-        centre=centre,
-        unit=unit,
-    )
+    first, step = (voxels.origin - segments.centre) / segments.unit, voxels.spacing / segments.unit
+    rows = int(np.clip(round(_BLOCK / step), 1, _MOST_ROWS))
+    samples = (rows, rows, shepard.LANES)
+    blocks = tuple(-(-count // rows) for count, rows in zip(voxels.inside.shape, samples, strict=True))
+    bins = shepard.bin_segments(segments, first - step / 2.0, step * np.array(samples), blocks)
+    active = _active_blocks(voxels.near, blocks, samples)
+    values = np.full(voxels.inside.shape, -1.0, np.float32)
+    half_reached = shepard.field_on_blocks(segments, bins, first, step, active, voxels.inside, values)
+    _require_reached(half_reached, support)
+    return values
+
+
+def _at_points(segments: Segments) -> FieldAt:
+    """Return the normalised field as a function of points in mm; what no segment can reach is void."""
+    from scaffold_stages._kernels.shepard import bin_segments, field_at
+
+    starts, ends = segments.starts, segments.starts + segments.steps
+    reach = float(np.sqrt(segments.reaches.max()))
+    low, high = np.minimum(starts, ends).min(axis=1) - reach, np.maximum(starts, ends).max(axis=1) + reach
+    nx, ny, nz = (int(count) for count in np.maximum(np.ceil((high - low) / _BOX), 1.0))
+
+    @cache
+    def bins() -> Bins:  # made at the first call: the voxels' own lists need as much memory, and are gone by then
+        return bin_segments(segments, low, np.full(3, _BOX), (nx, ny, nz))
+
+    def at(points: Floats) -> Floats:
+        places = (points - segments.centre) / segments.unit
+        is_near = ((places > low) & (places < high)).all(axis=1)
+        values = np.full(len(points), -1.0)
+        values[is_near] = field_at(segments, bins(), places[is_near])
+        return values
+
+    return at
 
 
 def _active_blocks(near: Bools, blocks: tuple[int, ...], sizes: tuple[int, int, int]) -> Ints:
@@ -203,42 +292,45 @@ def _require_reached(half_reached: int, support: float) -> None:
         )
 
 
-def _certificate(segments: Segments) -> Certificate:
-    """Return the extremes of the normalised field along every channel and every strut."""
-    from scaffold_stages._kernels.shepard import bin_segments, extremes_along
+def _certificate(skeleton: Skeleton, at: FieldAt, spacing: float) -> Certificate:
+    """Return the extremes of a field along every channel and strut, and around them at a voxel and parts of it."""
+    from scaffold_stages._kernels.certificate import extremes_along, extremes_around
 
-    starts, ends = segments.starts.T.copy(), (segments.starts + segments.steps).T.copy()
-    low, high = np.minimum(starts, ends).min(axis=0), np.maximum(starts, ends).max(axis=0)
-    boxes = np.maximum(np.ceil((high - low) / _BOX), 1.0).astype(int)
-    bins = bin_segments(segments, low, np.full(3, _BOX), (int(boxes[0]), int(boxes[1]), int(boxes[2])))
-    n = segments.struts
+    ends = skeleton.vertices[skeleton.edges]
+    struts, channels = (ends[:, 0], ends[:, 1]), (skeleton.channel_starts, skeleton.channel_ends)
+    radii = [spacing * share for share in Certificate.RING_SHARES]
     return Certificate(
-        channel_maxima=extremes_along(segments, bins, starts[n:], ends[n:], 1),
-        strut_minima=extremes_along(segments, bins, starts[:n], ends[:n], -1),
+        channel_maxima=extremes_along(at, *channels, 1),
+        strut_minima=extremes_along(at, *struts, -1),
+        channel_rings=np.stack([extremes_around(at, *channels, radius, 1) for radius in radii], axis=1),
+        strut_rings=np.stack([extremes_around(at, *struts, radius, -1) for radius in radii], axis=1),
+        voxel_size=spacing,
     )
 
 
-def _exact(skeleton: Skeleton, origin: Floats, inside: Bools, near: Bools, params: ArbfFieldParams) -> _Computed:
+def _exact(skeleton: Skeleton, params: ArbfFieldParams) -> _Field:
     from scaffold_stages._kernels import interpolant
 
     basis, c = params.basis or "inverse_multiquadric", _EXACT_C if params.c is None else params.c
-    elements, targets = _exact_elements(skeleton, params.solid or "vertices")
+    elements, targets = interpolant.elements_of(skeleton), interpolant.values_of(skeleton)
+    if params.solid == "edges":
+        elements, targets = interpolant.with_edges(skeleton, elements, targets)
     _require_exact_memory(elements.unknowns)
     matrix = interpolant.assemble(elements, basis, params.distance or "endpoint-to-segment", c)
     expected = interpolant.expected_negative_eigenvalues(basis, len(elements.starts))
     solution = interpolant.solve(matrix, targets, expected)
 
-    def field_at(points: Floats) -> Floats:
-        columns = np.ascontiguousarray(points.T)
-        return interpolant.evaluate(columns[0], columns[1], columns[2], elements, solution.weights, basis, c)
+    def at(points: Floats) -> Floats:
+        x, y, z = np.ascontiguousarray(points.T)
+        return interpolant.evaluate(x, y, z, elements, solution.weights, basis, c)
 
-    values = np.full(inside.shape, -1.0, np.float32)
-    for layer, is_near, x in zip(values, near, np.arange(len(values)), strict=True):
-        places = np.insert(np.argwhere(is_near), 0, x, axis=1)
-        layer[is_near] = field_at(origin + params.voxel_size * places)
-    certificate = _sampled_certificate(skeleton, field_at)
-    on_skeleton = max(np.abs(certificate.channel_maxima).max(), np.abs(certificate.strut_minima).max())
-    _warn_of_health(solution, float(max(on_skeleton, np.abs(values[inside]).max())))
+    def on_voxels(voxels: _Voxels) -> NDArray[np.float32]:
+        values = np.full(voxels.inside.shape, -1.0, np.float32)
+        for x, (layer, is_near) in enumerate(zip(values, voxels.near, strict=True)):
+            places = np.insert(np.argwhere(is_near), 0, x, axis=1)
+            layer[is_near] = at(voxels.origin + voxels.spacing * places)
+        return values
+
     facts: dict[str, Fact] = {
         "elements": elements.unknowns,
         "unknowns": solution.unknowns,
@@ -248,20 +340,7 @@ def _exact(skeleton: Skeleton, origin: Floats, inside: Bools, near: Bools, param
         "condition": solution.condition,
         "residual": solution.residual,
     }
-    return values, certificate, facts
-
-
-def _exact_elements(skeleton: Skeleton, solid: str) -> tuple[Elements, Floats]:
-    """Return the paper's elements and values; with `solid: edges` the mesh edges are segments at +1 too."""
-    from scaffold_stages._kernels.interpolant import Elements, elements_of, values_of
-
-    elements, values = elements_of(skeleton), values_of(skeleton)
-    if solid == "vertices":
-        return elements, values
-    ends = skeleton.vertices[skeleton.edges]
-    starts = np.concatenate([elements.starts, ends[:, 0]])
-    widened = Elements(elements.points, starts, np.concatenate([elements.ends, ends[:, 1]]))
-    return widened, np.concatenate([values, np.ones(len(ends))])
+    return _Field(on_voxels, at, facts, solution)
 
 
 def _require_exact_memory(unknowns: int) -> None:
@@ -274,21 +353,6 @@ def _require_exact_memory(unknowns: int) -> None:
             f"({there / 2**30:.1f} GiB are free) and must be at most {MOST_UNKNOWNS}; use interpolation: normalised, "
             "or a coarser mesh"
         )
-
-
-def _sampled_certificate(skeleton: Skeleton, field_at: Callable[[Floats], Floats]) -> Certificate:
-    """Return the extremes of a field over evenly spaced samples of every channel and every strut."""
-
-    def along(starts: Floats, ends: Floats) -> Floats:
-        shares = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
-        points = starts[:, None] + shares * (ends - starts)[:, None]
-        return field_at(points.reshape(-1, 3)).reshape(len(starts), _SAMPLES)
-
-    ends = skeleton.vertices[skeleton.edges]
-    return Certificate(
-        channel_maxima=along(skeleton.channel_starts, skeleton.channel_ends).max(axis=1),
-        strut_minima=along(ends[:, 0], ends[:, 1]).min(axis=1),
-    )
 
 
 def _warn_of_health(solution: Solution, greatest: float) -> None:

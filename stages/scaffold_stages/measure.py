@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterator
 
 import numpy as np
@@ -20,6 +21,7 @@ from scaffold_pipeline.artifacts import (
     VolumeMesh,
 )
 from scaffold_pipeline.contract import Params, Share, stage
+from scaffold_pipeline.errors import PipelineWarning
 
 
 class MeasureParams(Params):
@@ -78,11 +80,29 @@ def measure(
         "outer_volume_mm3": outer.volume,
         "triangles": len(faces),
         "cells": mesh.summary()["cells"] if mesh else None,
-        "elements": field.facts.get("elements"),
+        "elements": None,
+        **field.facts,
         "voxels": int(field.values.size),
         "voxel_size": field.spacing,
     }
+    _warn_of_thin_parts(field, porous.iso, values)
     return Metrics(values, tuple(_failed_gates(values, params, most_closed=int(porous.skin > 0.0))))
+
+
+def _warn_of_thin_parts(field: ScalarField, iso: float, values: dict[str, Fact]) -> None:
+    """Warn of struts and channels that the certificate finds whole and open, but the voxels may not show."""
+    thin = values.get("under_resolved")
+    if field.certificate is None or not thin:
+        return
+    size = field.certificate.resolving_voxel_size(iso)
+    finest = field.spacing * field.certificate.RING_SHARES[-1]
+    remedy = f"voxel_size {size:.3g} mm resolves all" if size else f"voxel_size {finest:.3g} mm would not resolve all"
+    warnings.warn(
+        f"under_resolved: {thin} struts and channels are thinner than two voxels of {field.spacing:.3g} mm at iso "
+        f"{iso:.4g}, so that the surface may break or close them; {remedy}",
+        PipelineWarning,
+        stacklevel=3,
+    )
 
 
 def _shell_facts(vertices: Floats, faces: Ints) -> dict[str, Fact]:

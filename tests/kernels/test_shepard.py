@@ -9,6 +9,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numba
@@ -20,12 +21,12 @@ from kernels.oracle import Floats, eight_hexahedra, icosahedron, one_tetrahedron
 from kernels.shepard_oracle import Net, extremes, graded, jittered, mixed, net_of, shepard, tetrahedra
 from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels import shepard as shepard_module
+from scaffold_stages._kernels.certificate import extremes_along
 from scaffold_stages._kernels.shepard import (
     LANES,
     Bins,
     Segments,
     bin_segments,
-    extremes_along,
     field_at,
     field_on_blocks,
 )
@@ -316,8 +317,8 @@ def certified(net: Net, c: float = C, exponent: int = EXPONENT) -> tuple[Floats,
     segments = segments_of(net, c, exponent)
     starts, ends, n = segments.starts.T, (segments.starts + segments.steps).T, net.struts
     bins = boxes_over(segments)
-    greatest = extremes_along(segments, bins, starts[n:], ends[n:], 1)
-    return greatest, extremes_along(segments, bins, starts[:n], ends[:n], -1)
+    at = partial(field_at, segments, bins)
+    return extremes_along(at, starts[n:], ends[n:], 1), extremes_along(at, starts[:n], ends[:n], -1)
 
 
 @compiled_only

@@ -120,6 +120,15 @@ def test_a_volume_mesh_that_is_not_sound_is_refused(vertices: np.ndarray, tetrah
         VolumeMesh(vertices, np.asarray(tetrahedra))
 
 
+def test_a_certificate_counts_what_is_thinner_than_two_voxels_and_names_the_voxels_that_would_do():
+    channels, struts = np.array([[0.3, -0.2, -0.9]]), np.array([[0.6, 0.7, 0.8], [-0.1, 0.2, 0.9]])
+    certificate = Certificate(np.array([-1.0]), np.array([1.0, 1.0]), channels, struts, voxel_size=0.4)
+    assert [certificate.at(iso)["under_resolved"] for iso in (-0.5, 0.0, 0.5)] == [1, 2, 1]
+    assert certificate.resolving_voxel_size(0.0) == 0.2
+    assert certificate.resolving_voxel_size(0.5) == 0.1
+    assert certificate.resolving_voxel_size(-0.95) is None
+
+
 def test_a_certificate_counts_what_is_closed_and_broken_at_an_iso():
     certificate = Certificate(np.array([-0.5, 0.0, 0.2]), np.array([0.1, 0.4]))
     assert certificate.at(0.1) == {
@@ -129,6 +138,7 @@ def test_a_certificate_counts_what_is_closed_and_broken_at_an_iso():
         "channels_closed": 1,
         "struts": 2,
         "struts_broken": 1,
+        "under_resolved": None,
     }
 
 

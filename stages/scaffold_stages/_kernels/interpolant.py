@@ -102,6 +102,13 @@ def values_of(skeleton: Skeleton) -> Floats:
     return values
 
 
+def with_edges(skeleton: Skeleton, elements: Elements, values: Floats) -> tuple[Elements, Floats]:
+    """Return the elements and their values with the mesh edges at +1 after all others; not in the paper."""
+    struts = skeleton.vertices[skeleton.edges]
+    starts, ends = np.concatenate([elements.starts, struts[:, 0]]), np.concatenate([elements.ends, struts[:, 1]])
+    return Elements(elements.points, starts, ends), np.concatenate([values, np.ones(len(struts))])
+
+
 def memory_needed(unknowns: int) -> int:
     """Return the bytes that `assemble` and `solve` need at most for so many unknowns."""
     return (_MATRICES_AT_ONCE * unknowns + _VECTORS_AT_ONCE) * unknowns * np.dtype(np.float64).itemsize

@@ -14,9 +14,8 @@ blocks and how many threads work on it changes no bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,9 @@ from numpy.typing import NDArray
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.memory import available_memory
 from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange
+
+if TYPE_CHECKING:
+    from scaffold_stages._kernels.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -49,11 +51,7 @@ _STRIDE = 64
 
 _ONE: Any = np.float32(1.0)  # a plain 1.0 would make everything that it meets double precision
 _ZERO: Any = np.float32(0.0)
-_SAMPLES = 9
 _AT_ONCE = 100_000
-_REFINED = 1000
-_REFINEMENTS = 20
-_GOLDEN = (3.0 - 5.0**0.5) / 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +85,31 @@ class Bins:
     origin: Floats
     sizes: Floats
     shape: tuple[int, int, int]
+
+
+def segments_of(
+    skeleton: Skeleton, *, c: float, support: float, exponent: int, vertices_only: bool = False
+) -> Segments:
+    """Return struts and channels in mean edge lengths about the mesh's centre: single precision keeps its digits.
+
+    `c` and `support` are in local edge lengths, `exponent` is p; `vertices_only` puts +1 on vertices instead of edges.
+    """
+    struts = np.repeat(skeleton.vertices[:, None], 2, axis=1) if vertices_only else skeleton.vertices[skeleton.edges]
+    strut_lengths = skeleton.local_lengths if vertices_only else skeleton.edge_lengths
+    unit, centre = skeleton.mean_edge_length, (skeleton.vertices.min(axis=0) + skeleton.vertices.max(axis=0)) / 2.0
+    starts = np.concatenate([struts[:, 0], skeleton.channel_starts])
+    steps = np.concatenate([struts[:, 1], skeleton.channel_ends]) - starts
+    local = np.concatenate([strut_lengths, skeleton.channel_lengths]) / unit
+    return Segments(
+        starts=np.ascontiguousarray(((starts - centre) / unit).T),
+        steps=np.ascontiguousarray((steps / unit).T),
+        shapes=(c * local) ** 2,
+        reaches=(support * local) ** 2,
+        struts=len(struts),
+        power=exponent // 2,
+        centre=centre,
+        unit=unit,
+    )
 
 
 def bin_segments(segments: Segments, origin: Floats, sizes: Floats, shape: tuple[int, int, int]) -> Bins:
@@ -325,38 +348,3 @@ def _sum_points(table: Floats, near: NDArray[np.int32], power: int, points: Floa
             along = wx * dx + wy * dy + wz * dz
             squared = _squared_offset(wx, wy, wz, dx, dy, dz, along, inverse_length)
             sums[lane] += _weight(squared, shape, inverse_reach, power)
-
-
-def extremes_along(segments: Segments, bins: Bins, starts: Floats, ends: Floats, sign: int) -> Floats:
-    """Return the greatest (`sign` = 1) or least (-1) s found on each segment `starts`-`ends` (n, 3), (n,).
-
-    Each is sampled at 9 points; the thousand that come out most extreme also between the neighbours of their best
-    point, by golden section.
-    """
-    shares = np.linspace(0.0, 1.0, _SAMPLES)
-    extremes, places = np.empty(len(starts)), np.empty(len(starts))
-    for first in range(0, len(starts), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
-        points = starts[part, None] + shares[:, None] * (ends - starts)[part, None]
-        samples = sign * field_at(segments, bins, points.reshape(-1, 3)).reshape(-1, _SAMPLES)
-        extremes[part], places[part] = samples.max(axis=1), shares[samples.argmax(axis=1)]
-    closest = np.sort(np.argsort(-extremes, kind="stable")[:_REFINED])
-    a, step = starts[closest], (ends - starts)[closest]
-    extremes[closest] = _refined(
-        lambda t: sign * field_at(segments, bins, a + t[:, None] * step), extremes[closest], places[closest]
-    )
-    return sign * extremes
-
-
-def _refined(value_at: Callable[[Floats], Floats], best: Floats, place: Floats) -> Floats:
-    """Return the greatest value found about each place, 0..1, the interval narrowed always in its longer part."""
-    reach = 1.0 / (_SAMPLES - 1)
-    low, high = np.maximum(place - reach, 0.0), np.minimum(place + reach, 1.0)
-    for _ in range(_REFINEMENTS):
-        trial = place + _GOLDEN * np.where(place - low > high - place, low - place, high - place)
-        value = value_at(trial)
-        is_better, is_left = value > best, trial < place
-        new_low = np.where(is_better, np.where(is_left, low, place), np.where(is_left, trial, low))
-        high = np.where(is_better, np.where(is_left, place, high), np.where(is_left, high, trial))
-        low, best, place = new_low, np.maximum(best, value), np.where(is_better, trial, place)
-    return best
