@@ -356,8 +356,8 @@ class Metrics(Artifact):
 
 
 @dataclass(frozen=True, eq=False)
-class WrittenSolid(Artifact):
-    """The files that were written of a solid: what each held when it was read back."""
+class WrittenFiles(Artifact):
+    """The files that a stage wrote: what each held when it was read back."""
 
     facts: Mapping[str, Fact]
 

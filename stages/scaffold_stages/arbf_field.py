@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -172,14 +173,21 @@ def _grid(bounds: Floats, params: ArbfFieldParams) -> tuple[Floats, float, tuple
 def _read_points(path: Path) -> Floats:
     """Read points (n, 3), mm, from comma-separated text with three columns, under a line of names or not."""
     try:
-        first = path.read_text(encoding="utf-8").partition("\n")[0]
-        has_names = any(character.isalpha() and character not in "eE" for character in first)
-        points = np.loadtxt(path, delimiter=",", skiprows=int(has_names), ndmin=2, encoding="utf-8")
+        lines = path.read_text(encoding="utf-8").splitlines()
+        is_named = not any(_is_number(cell) for cell in lines[0].split(",")) if lines else True
+        points = np.array([[float(cell) for cell in line.split(",")] for line in lines[is_named:] if line.strip()])
     except ValueError as error:
         raise StageError(f"points: {path.name} is not comma-separated numbers: {error}") from error
-    if points.shape[1] != 3 or not np.isfinite(points).all():  # noqa: PLR2004 - x, y, z
-        raise StageError(f"points: {path.name} must hold finite x, y, z in mm, got {points.shape[1]} columns")
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():  # noqa: PLR2004 - x, y, z
+        raise StageError(f"points: {path.name} must hold rows of finite x, y, z in mm, got shape {points.shape}")
     return points
+
+
+def _is_number(text: str) -> bool:
+    with suppress(ValueError):
+        float(text)
+        return True
+    return False
 
 
 def _require_memory(bounds: Floats, spacing: float) -> None:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
 from scaffold_pipeline import __version__
-from scaffold_pipeline.artifacts import Fact, Ints, Solid, SurfaceMesh, WrittenSolid
+from scaffold_pipeline.artifacts import Fact, Ints, Solid, SurfaceMesh, WrittenFiles
 from scaffold_pipeline.contract import Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
@@ -94,7 +94,7 @@ class _Checked:
 
 
 @stage(writes="written", version=1)
-def write_solid(solid: Solid, *, params: WriteSolidParams, out: Path, config_hash: str | None = None) -> WrittenSolid:
+def write_solid(solid: Solid, *, params: WriteSolidParams, out: Path, config_hash: str | None = None) -> WrittenFiles:
     """Write the solid to `out` as STL and 3MF, in mm, and draw it; each file is read back and checked.
 
     The 3MF file names `config_hash`, the hash of the configuration that the solid comes from.
@@ -115,7 +115,7 @@ def write_solid(solid: Solid, *, params: WriteSolidParams, out: Path, config_has
             raise StageError(f"{path.name}: {error}; the file was deleted") from error
         facts |= _facts_of_file(path, kind, checked)
     facts["preview"] = _preview(vertices, solid.faces, out) if params.preview else "not asked for"
-    return WrittenSolid(facts)
+    return WrittenFiles(facts)
 
 
 def _metadata(name: str, config_hash: str | None) -> dict[str, str]:

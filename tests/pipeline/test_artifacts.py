@@ -12,7 +12,7 @@ from scaffold_pipeline.artifacts import (
     Solid,
     SurfaceMesh,
     VolumeMesh,
-    WrittenSolid,
+    WrittenFiles,
 )
 from scaffold_pipeline.errors import StageError
 
@@ -166,7 +166,7 @@ def test_summaries_tell_what_was_asked_and_done():
     surface = IsoSurface(CORNERS, OUTWARD, iso=0.2, porosity_requested=0.6, facts={"removed": 3})
     assert {**surface.summary(), "iso": 0.2, "porosity_requested": 0.6, "removed": 3} == surface.summary()
     assert Solid(CORNERS, OUTWARD, pore_volumes=np.array([2.0, 1.0])).summary()["pore_pieces"] == 2
-    assert WrittenSolid({"stl_bytes": 284}).summary() == {"stl_bytes": 284}
+    assert WrittenFiles({"stl_bytes": 284}).summary() == {"stl_bytes": 284}
 
 
 def test_metrics_pass_or_name_the_gates_that_failed():

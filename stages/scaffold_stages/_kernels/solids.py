@@ -118,10 +118,12 @@ def main_piece(shells: Shells, least_cavity: float) -> MainPiece:
 
 def _cavities_within(shells: Shells, is_holder: Mask) -> Mask:
     """Return which cavities lie within one of the pieces `is_holder`, (k,); shells do not cross."""
-    low, high = _boxes(shells)
-    holders = np.flatnonzero(is_holder)
+    holders, cavities = np.flatnonzero(is_holder), np.flatnonzero(shells.volumes <= 0.0)
     is_within = np.zeros(len(shells.volumes), bool)
-    for cavity in np.flatnonzero(shells.volumes <= 0.0):
+    if not (len(holders) and len(cavities)):
+        return is_within
+    low, high = _boxes(shells)
+    for cavity in cavities:
         fits = (low[holders] <= low[cavity]).all(axis=1) & (high[holders] >= high[cavity]).all(axis=1)
         for holder in holders[fits]:
             point = shells.vertices[shells.faces[shells.numbers == cavity][0, 0]]
