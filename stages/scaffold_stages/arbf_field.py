@@ -61,6 +61,9 @@ MOST_UNKNOWNS = 8000
 _BOX = 0.5
 """Edge of the boxes that the certificate sorts segments into, mean edge lengths: 0.5 was fastest of 0.25 to 1."""
 
+_THROATS, _WAISTS = (0.7, 1.0), (0.35, 0.65)
+"""Where along a channel, towards its face, and along a strut its thickness is looked at."""
+
 _USUAL = 2.0
 """Greatest |s| of a healthy exact field: small meshes of the paper reach 1.8."""
 
@@ -128,7 +131,7 @@ class ArbfFieldParams(Params):
         return self
 
 
-@stage(writes="field", version=3)
+@stage(writes="field", version=4)
 def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) -> ScalarField:
     """Compute the ARBF field of a volume mesh on voxels over the outer shape, and certify its connectivity.
 
@@ -310,8 +313,8 @@ def _certificate(skeleton: Skeleton, at: FieldAt, spacing: float) -> Certificate
     return Certificate(
         channel_maxima=extremes_along(at, *channels, 1),
         strut_minima=extremes_along(at, *struts, -1),
-        channel_rings=np.stack([extremes_around(at, *channels, radius, 1) for radius in radii], axis=1),
-        strut_rings=np.stack([extremes_around(at, *struts, radius, -1) for radius in radii], axis=1),
+        channel_rings=np.stack([extremes_around(at, *channels, _THROATS, radius, 1) for radius in radii], axis=1),
+        strut_rings=np.stack([extremes_around(at, *struts, _WAISTS, radius, -1) for radius in radii], axis=1),
         voxel_size=spacing,
     )
 

@@ -8,6 +8,7 @@ import pytest
 from scaffold_stages._kernels.certificate import extremes_along, extremes_around
 
 STARTS = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [0.0, 0.0, 5.0]])
+PLACES = (0.2, 0.9)
 ENDS = np.array([[4.0, 0.0, 0.0], [1.0, 2.0, 7.0], [0.0, 3.0, 1.0]])
 
 
@@ -38,7 +39,9 @@ def test_rings_have_their_radius_about_their_segment():
 
     one = slice(1, 2)
     for sign in (1, -1):
-        np.testing.assert_allclose(extremes_around(distance, STARTS[one], ENDS[one], 0.25, sign), 0.25, rtol=1e-12)
+        np.testing.assert_allclose(
+            extremes_around(distance, STARTS[one], ENDS[one], PLACES, 0.25, sign), 0.25, rtol=1e-12
+        )
 
 
 def test_a_segment_thicker_than_the_ring_keeps_its_side_and_a_thinner_one_does_not():
@@ -48,10 +51,10 @@ def test_a_segment_thicker_than_the_ring_keeps_its_side_and_a_thinner_one_does_n
         return 0.5 - np.linalg.norm(points[:, 1:], axis=1)
 
     one = slice(0, 1)
-    assert extremes_around(strut, STARTS[one], ENDS[one], 0.49, -1)[0] > 0.0
-    assert extremes_around(strut, STARTS[one], ENDS[one], 0.51, -1)[0] < 0.0
+    assert extremes_around(strut, STARTS[one], ENDS[one], PLACES, 0.49, -1)[0] > 0.0
+    assert extremes_around(strut, STARTS[one], ENDS[one], PLACES, 0.51, -1)[0] < 0.0
 
 
 def test_a_segment_without_length_has_a_ring_too():
-    values = extremes_around(lambda points: points[:, 0], STARTS[:1], STARTS[:1], 2.0, 1)
-    assert values[0] == pytest.approx(2.0, abs=0.3)
+    values = extremes_around(lambda points: points[:, 0], STARTS[:1], STARTS[:1], PLACES, 2.0, 1)
+    assert values[0] == pytest.approx(2.0, abs=1e-9)

@@ -6,7 +6,7 @@ import igl
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels import triangles
+from scaffold_stages._kernels import contours, triangles
 from scaffold_stages._kernels.contours import inward_offset, iso_surface
 from shapes import ball, box, require_closed, samples_over, volume_of
 
@@ -140,6 +140,14 @@ def test_the_inward_offset_of_a_box_is_a_smaller_box():
     assert vertices.max(axis=0) == pytest.approx(high - 0.8, abs=0.01)
     squared, _, _ = igl.point_mesh_squared_distance(vertices, *shape)
     assert np.sqrt(squared).min() > 0.79
+
+
+def test_an_offset_of_less_than_a_voxel_lies_as_deep_as_asked(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(contours, "_FINEST", 60.0)
+    monkeypatch.setattr(contours, "_COARSEST", 50.0)
+    shape = ball(5.0, divisions=5)  # samples 0.29 apart
+    vertices, _ = inward_offset(*shape, 0.05)
+    assert np.linalg.norm(vertices, axis=1) == pytest.approx(4.95, abs=0.01)
 
 
 def test_an_offset_deeper_than_the_shape_leaves_nothing():

@@ -136,6 +136,24 @@ def test_the_boundary_slides_on_itself_unless_it_is_free(mesh: VolumeMesh):
     assert off_boundary(mesh, jittered(mesh, amount=0.4, boundary="free").vertices[is_boundary]).max() > 1e-3
 
 
+def test_about_a_notch_a_vertex_slides_no_further_than_its_step():
+    whole = hexahedra((8, 8, 2), 0.25)
+    centres = whole.vertices[whole.hexahedra].mean(axis=1)
+    cells = whole.hexahedra[(centres[:, :2] < 1.0).any(axis=1)]
+    used, compact = np.unique(cells, return_inverse=True)
+    notched = VolumeMesh(whole.vertices[used], hexahedra=compact.reshape(cells.shape))
+    boundary = module._boundary_triangles(notched)
+    which = np.linalg.norm(notched.vertices - [1.25, 1.0, 0.25], axis=1) == 0.0
+    step = np.array([[-0.2, 0.25, 0.0]])  # across the notch, to where its other wall is nearest
+
+    start = notched.vertices[which]
+    _, _, nearest = igl.point_mesh_squared_distance(start + step, notched.vertices, boundary)
+    assert np.linalg.norm(nearest - start) > 1.1 * np.linalg.norm(step)
+    end = module._on_boundary(notched, boundary, which, start + step)
+    assert 0.0 < np.linalg.norm(end - start) <= np.linalg.norm(step)
+    assert off_boundary(notched, end).max() < 1e-12
+
+
 def test_no_movement_is_none():
     moved = jittered(amount=0.0)
     assert np.array_equal(moved.vertices, MESH.vertices)

@@ -19,8 +19,7 @@ _GOLDEN = (3.0 - 5.0**0.5) / 2.0
 _AT_ONCE = 100_000
 """Segments that are sampled at once: points of more would need as much memory as the field."""
 
-_PLACES = (0.3, 0.5, 0.7)
-_DIRECTIONS = 6
+_DIRECTIONS = 4
 
 
 def extremes_along(at: FieldAt, starts: Floats, ends: Floats, sign: int) -> Floats:
@@ -41,16 +40,18 @@ def extremes_along(at: FieldAt, starts: Floats, ends: Floats, sign: int) -> Floa
     return sign * extremes
 
 
-def extremes_around(at: FieldAt, starts: Floats, ends: Floats, radius: float, sign: int) -> Floats:
-    """Return the greatest (`sign` = 1) or least (-1) s on three rings of `radius` about each segment (n, 3), (n,).
+def extremes_around(
+    at: FieldAt, starts: Floats, ends: Floats, places: tuple[float, ...], radius: float, sign: int
+) -> Floats:
+    """Return the greatest (`sign` = 1) or least (-1) s on rings of `radius` about each segment (n, 3), (n,).
 
-    The rings stand at 0.3, 0.5 and 0.7 of the segment, six points each: where a strut or channel is as thick as the
-    ring all around, its extreme there is on its own side of the iso-value.
+    The rings stand at the `places`, shares of the segment, four points each: where a strut or channel is as thick as
+    the ring all around, its extreme there is on its own side of the iso-value.
     """
     extremes = np.empty(len(starts))
     for part in _parts(len(starts)):
         steps = (ends - starts)[part]
-        axes = np.array([starts[part] + place * steps for place in _PLACES])
+        axes = np.array([starts[part] + place * steps for place in places])
         points = axes[:, None] + radius * _ring(steps)
         extremes[part] = (sign * at(points.reshape(-1, 3))).reshape(-1, len(steps)).max(axis=0)
     return sign * extremes
@@ -61,7 +62,7 @@ def _parts(count: int) -> list[slice]:
 
 
 def _ring(steps: Floats) -> Floats:
-    """Return unit vectors around each of `steps` (n, 3), (6, n, 3)."""
+    """Return unit vectors around each of `steps` (n, 3), (4, n, 3)."""
     lengths = np.linalg.norm(steps, axis=1, keepdims=True)
     axes = np.divide(steps, lengths, out=np.tile([0.0, 0.0, 1.0], (len(steps), 1)), where=lengths > 0.0)
     least = np.eye(3)[np.abs(axes).argmin(axis=1)]

@@ -17,6 +17,9 @@ sample equals the iso, triangles shrink to a point and the surface is no manifol
 _BAND = 3.0
 """Distance, in samples, from the offset surface within which the distance field is computed exactly."""
 
+_FINEST, _COARSEST = 600.0, 100.0
+"""Samples along the diagonal of a shape that is offset: at most, as they take some 2 GB, and at least."""
+
 
 def iso_surface(values: NDArray[np.float32], iso: float, origin: Floats, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices (n, 3) mm and faces (m, 3) of the boundary of {values > iso}, closed where the grid ends.
@@ -59,15 +62,15 @@ def _flying_edges(samples: NDArray[np.float32], level: float) -> tuple[Floats, I
 def inward_offset(vertices: Floats, faces: Ints, depth: float) -> tuple[Floats, Ints]:
     """Return the surface `depth` mm inside a closed one: the exact distance, contoured on a grid.
 
-    The grid's spacing is half the depth, within a hundredth to a six hundredth of the diagonal. Both arrays are empty
-    where no point lies so deep.
+    The grid's spacing is half the depth, or what is nearest to that of what its memory and its truth to the shape
+    allow. Both arrays are empty where no point lies so deep.
     """
     import igl
     from scipy.ndimage import distance_transform_edt
 
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
     diagonal = float(np.linalg.norm(bounds[1] - bounds[0]))
-    spacing = float(np.clip(depth / 2.0, diagonal / 600.0, diagonal / 100.0))
+    spacing = float(np.clip(depth / 2.0, diagonal / _FINEST, diagonal / _COARSEST))
     origin, shape = grid_over(bounds, spacing, 2)
     inside = samples_inside(vertices, faces, origin, spacing, shape)
     depths = distance_transform_edt(inside).astype(np.float32) * np.float32(spacing)
