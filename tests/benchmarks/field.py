@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from itertools import chain
 from pathlib import Path
 
 import numba
@@ -71,10 +72,9 @@ extern "C" void exact(const double* points, long n, const double* starts, const 
 
 def main(*, small):
     """Measure everything and print the table."""
-    rows = [*kernel_rows(), *exact_rows(), *sparse_rows(), *growth_rows(small=small)]
-    width = max(len(name) for name, _ in rows)
-    for name, value in rows:
-        print(f"| {name:{width}} | {value} |")
+    print("| what | value |\n|---|---|")
+    for name, value in chain(kernel_rows(), exact_rows(), sparse_rows(), growth_rows(small=small)):
+        print(f"| {name} | {value} |", flush=True)
 
 
 def seconds_of(work, repeats=3):
@@ -213,9 +213,7 @@ def sparse_rows():
     mesh, outer = block_mesh(16)
     params = ArbfFieldParams(voxel_size=1.0)
     whole = seconds_of(lambda: arbf_field(mesh, outer, params=params), 1)
-    from scaffold_stages import arbf_field as stage_module
-
-    segments = stage_module._segments(skeleton_of(mesh.vertices, mesh.cells), params)
+    segments = shepard.segments_of(skeleton_of(mesh.vertices, mesh.cells), c=0.01, support=1.0, exponent=4)
     axis = (np.arange(64) - 32.0) / segments.unit
     bins = in_every_block(segments, 64, axis)
     few = np.arange(2)
