@@ -140,6 +140,7 @@ def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) 
     """
     from scaffold_stages._kernels.skeleton import skeleton_of
 
+    points = np.empty((0, 3)) if params.points is None else _read_points(params.points)
     origin, spacing, shape = _grid(outer.bounds, params)
     inside = samples_inside(outer.vertices, outer.faces, origin, spacing, shape)
     if not inside.any():
@@ -154,7 +155,6 @@ def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) 
     if field.solution:
         on_skeleton = max(np.abs(certificate.channel_maxima).max(), np.abs(certificate.strut_minima).max())
         _warn_of_health(field.solution, float(max(on_skeleton, np.abs(values[inside]).max())))
-    points = np.empty((0, 3)) if params.points is None else _read_points(params.points)
     return ScalarField(values, origin, spacing, certificate, field.facts, points, field.at(points))
 
 

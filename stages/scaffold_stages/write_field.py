@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from hashlib import sha256
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -14,6 +13,7 @@ from pydantic import Field, field_validator
 from scaffold_pipeline.artifacts import Fact, ScalarField, WrittenFiles
 from scaffold_pipeline.contract import InputFile, Params, stage
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.store import hash_file
 
 Format = Literal["vti", "nrrd", "npy"]
 
@@ -49,7 +49,7 @@ def write_field(field: ScalarField, *, params: WriteFieldParams, out: Path) -> W
         path = out / f"field.{kind}"
         _WRITERS[kind](path, field)
         _require_equal(path, _READERS[kind](path), field)
-        facts |= {f"{kind}_bytes": path.stat().st_size, f"{kind}_sha256": sha256(path.read_bytes()).hexdigest()}
+        facts |= {f"{kind}_bytes": path.stat().st_size, f"{kind}_sha256": hash_file(path)}
     if len(field.points):
         rows = np.column_stack([field.points, field.point_values])
         np.savetxt(out / "field_at_points.csv", rows, "%.17g", ",", header="x,y,z,s", comments="")
@@ -85,10 +85,14 @@ def _write_vti(path: Path, field: ScalarField) -> None:
 
 
 def _read_vti(path: Path) -> np.ndarray:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOXML import vtkXMLImageDataReader
 
-    reader = vtkXMLImageDataReader()
+    return _samples_from(vtkXMLImageDataReader(), path)
+
+
+def _samples_from(reader: Any, path: Path) -> np.ndarray:  # noqa: ANN401 - VTK's readers have no type in common
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
     reader.SetFileName(str(path))
     reader.Update()
     return np.ravel(vtk_to_numpy(reader.GetOutput().GetPointData().GetScalars()))
@@ -117,13 +121,9 @@ def _write_nrrd(path: Path, field: ScalarField) -> None:
 
 def _read_nrrd(path: Path) -> np.ndarray:
     """Read the values back with VTK, which takes a first axis of up to four samples for components."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkIOImage import vtkNrrdReader
 
-    reader = vtkNrrdReader()
-    reader.SetFileName(str(path))
-    reader.Update()
-    return np.ravel(vtk_to_numpy(reader.GetOutput().GetPointData().GetScalars()))
+    return _samples_from(vtkNrrdReader(), path)
 
 
 def _write_npy(path: Path, field: ScalarField) -> None:

@@ -7,7 +7,6 @@ up to one float32 step off, and it gives new UUIDs each time. lib3mf reads the f
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import sys
 import warnings
 import zipfile
@@ -26,6 +25,7 @@ from scaffold_pipeline.artifacts import Fact, Ints, Solid, SurfaceMesh, WrittenF
 from scaffold_pipeline.contract import Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
+from scaffold_pipeline.store import hash_file
 from scaffold_stages._kernels.picture import draw_surface
 from scaffold_stages._kernels.stl import Singles, merge_corners, to_single, to_stl
 
@@ -138,11 +138,9 @@ def _rounded(solid: Solid) -> Singles:
 
 
 def _facts_of_file(path: Path, kind: str, checked: _Checked) -> dict[str, Fact]:
-    with path.open("rb") as stream:
-        digest = hashlib.file_digest(stream, "sha256").hexdigest()
     return {
         f"{kind}_bytes": path.stat().st_size,
-        f"{kind}_sha256": digest,
+        f"{kind}_sha256": hash_file(path),
         f"{kind}_volume_mm3": checked.volume,
         f"{kind}_triangles": len(checked.corners),
     }
