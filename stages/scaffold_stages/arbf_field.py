@@ -11,9 +11,9 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +38,6 @@ Distance = Literal["endpoint", "endpoint-to-segment", "exact"]
 MARGIN = 3
 """Samples beyond the outer shape's box: the field is void from two samples outside on, and the clip needs no more."""
 
-_BLOCK, _MOST_ROWS = 0.5, 16
-"""Blocks are about half a mean edge wide, so that their lists of segments are short, and at most 16 samples."""
-
 _EXACT_C, _NORMALISED_C = 0.1, 0.01
 _EXPONENT, _SUPPORT = 4, 1.0
 """Chosen on three bones with jitter 0.2; windows are those of a heel bone.
@@ -59,7 +56,7 @@ MOST_UNKNOWNS = 8000
 """Above this the published form has long lost its field on any mesh, and the solver takes many minutes."""
 
 _BOX = 0.5
-"""Edge of the boxes that the certificate sorts segments into, mean edge lengths: 0.5 was fastest of 0.25 to 1."""
+"""Edge of the boxes that segments are sorted into, mean edge lengths: 0.5 was fastest of 0.25 to 1."""
 
 _THROATS, _WAISTS = (0.7, 1.0), (0.35, 0.65)
 """Where along a channel, towards its face, and along a strut its thickness is looked at."""
@@ -131,7 +128,7 @@ class ArbfFieldParams(Params):
         return self
 
 
-@stage(writes="field", version=4)
+@stage(writes="field", version=5)
 def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) -> ScalarField:
     """Compute the ARBF field of a volume mesh on voxels over the outer shape, and certify its connectivity.
 
@@ -151,7 +148,7 @@ def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) 
     values = field.on_voxels(voxels)
     values[~voxels.near] = -1.0
     values.setflags(write=False)  # or the artifact would copy it
-    certificate = _certificate(skeleton, field.at, spacing)
+    certificate = _certificate(skeleton, field, spacing)
     if field.solution:
         on_skeleton = max(np.abs(certificate.channel_maxima).max(), np.abs(certificate.strut_minima).max())
         _warn_of_health(field.solution, float(max(on_skeleton, np.abs(values[inside]).max())))
@@ -224,10 +221,11 @@ class _Voxels:
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """A field that is ready to be computed: on voxels, float32, and at points (n, 3) mm, (n,)."""
+    """A field that is ready to be computed: on voxels, float32, and at points (n, 3) mm, (n,), many in less time."""
 
     on_voxels: Callable[[_Voxels], NDArray[np.float32]]
     at: FieldAt
+    at_many: FieldAt
     facts: dict[str, Fact]
     solution: Solution | None = None
 
@@ -247,25 +245,26 @@ def _normalised(skeleton: Skeleton, params: ArbfFieldParams) -> _Field:
         "elements": len(segments.reaches),
         "local_support": float(np.sqrt(segments.reaches.max()) * segments.unit),
     }
-    return _Field(lambda voxels: _on_blocks(segments, voxels, support), _at_points(segments), facts)
+    at = _at_points(segments)
+    return _Field(lambda voxels: _on_tiles(segments, voxels, support), at, partial(at, precision=np.float32), facts)
 
 
-def _on_blocks(segments: Segments, voxels: _Voxels, support: float) -> NDArray[np.float32]:
-    from scaffold_stages._kernels import shepard
+def _on_tiles(segments: Segments, voxels: _Voxels, support: float) -> NDArray[np.float32]:
+    from scaffold_stages._kernels.shepard import bin_segments
+    from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
 
     first, step = (voxels.origin - segments.centre) / segments.unit, voxels.spacing / segments.unit
-    rows = int(np.clip(round(_BLOCK / step), 1, _MOST_ROWS))
-    samples = (rows, rows, shepard.LANES)
-    blocks = tuple(-(-count // rows) for count, rows in zip(voxels.inside.shape, samples, strict=True))
-    bins = shepard.bin_segments(segments, first - step / 2.0, step * np.array(samples), blocks)
-    active = _active_blocks(voxels.near, blocks, samples)
+    samples = TILE * max(round(_BOX / (TILE * step)), 1)
+    nx, ny, nz = (-(-count // samples) for count in voxels.inside.shape)
+    bins = bin_segments(segments, first - step / 2.0, np.full(3, samples * step), (nx, ny, nz))
     values = np.full(voxels.inside.shape, -1.0, np.float32)
-    half_reached = shepard.field_on_blocks(segments, bins, first, step, active, voxels.inside, values)
+    active = _active_tiles(voxels.near, TILE)
+    half_reached = field_on_tiles(segments, bins, first, step, active, voxels.inside, values)
     _require_reached(half_reached, support)
     return values
 
 
-def _at_points(segments: Segments) -> FieldAt:
+def _at_points(segments: Segments) -> Callable[..., Floats]:
     """Return the normalised field as a function of points in mm; what no segment can reach is void."""
     from scaffold_stages._kernels.shepard import bin_segments, field_at
 
@@ -278,21 +277,21 @@ def _at_points(segments: Segments) -> FieldAt:
     def bins() -> Bins:  # made at the first call: the voxels' own lists need as much memory, and are gone by then
         return bin_segments(segments, low, np.full(3, _BOX), (nx, ny, nz))
 
-    def at(points: Floats) -> Floats:
+    def at(points: Floats, precision: type[np.floating[Any]] = np.float64) -> Floats:
         places = (points - segments.centre) / segments.unit
         is_near = ((places > low) & (places < high)).all(axis=1)
         values = np.full(len(points), -1.0)
-        values[is_near] = field_at(segments, bins(), places[is_near])
+        values[is_near] = field_at(segments, bins(), places[is_near], precision)
         return values
 
     return at
 
 
-def _active_blocks(near: Bools, blocks: tuple[int, ...], sizes: tuple[int, int, int]) -> Ints:
-    """Return the numbers of the blocks that hold a sample of `near`, (nx, ny, nz), last axis fastest."""
-    padded = np.pad(near, [(0, n * size - have) for n, size, have in zip(blocks, sizes, near.shape, strict=True)])
-    boxes = padded.reshape(blocks[0], sizes[0], blocks[1], sizes[1], blocks[2], sizes[2])
-    return np.flatnonzero(boxes.any(axis=(1, 3, 5)))
+def _active_tiles(near: Bools, size: int) -> Ints:
+    """Return the numbers of the tiles of `size` samples that hold one of `near`, (nx, ny, nz), last axis fastest."""
+    padded = np.pad(near, [(0, -count % size) for count in near.shape])
+    nx, ny, nz = (count // size for count in padded.shape)
+    return np.flatnonzero(padded.reshape(nx, size, ny, size, nz, size).any(axis=(1, 3, 5)))
 
 
 def _require_reached(half_reached: int, support: float) -> None:
@@ -303,18 +302,19 @@ def _require_reached(half_reached: int, support: float) -> None:
         )
 
 
-def _certificate(skeleton: Skeleton, at: FieldAt, spacing: float) -> Certificate:
+def _certificate(skeleton: Skeleton, field: _Field, spacing: float) -> Certificate:
     """Return the extremes of a field along every channel and strut, and around them at a voxel and parts of it."""
     from scaffold_stages._kernels.certificate import extremes_along, extremes_around
 
     ends = skeleton.vertices[skeleton.edges]
     struts, channels = (ends[:, 0], ends[:, 1]), (skeleton.channel_starts, skeleton.channel_ends)
+    around = partial(extremes_around, field.at_many)
     radii = [spacing * share for share in Certificate.RING_SHARES]
     return Certificate(
-        channel_maxima=extremes_along(at, *channels, 1),
-        strut_minima=extremes_along(at, *struts, -1),
-        channel_rings=np.stack([extremes_around(at, *channels, _THROATS, radius, 1) for radius in radii], axis=1),
-        strut_rings=np.stack([extremes_around(at, *struts, _WAISTS, radius, -1) for radius in radii], axis=1),
+        channel_maxima=extremes_along(field.at_many, *channels, 1, field.at),
+        strut_minima=extremes_along(field.at_many, *struts, -1, field.at),
+        channel_rings=np.stack([around(*channels, _THROATS, radius, 1) for radius in radii], axis=1),
+        strut_rings=np.stack([around(*struts, _WAISTS, radius, -1) for radius in radii], axis=1),
         voxel_size=spacing,
     )
 
@@ -351,7 +351,7 @@ def _exact(skeleton: Skeleton, params: ArbfFieldParams) -> _Field:
         "condition": solution.condition,
         "residual": solution.residual,
     }
-    return _Field(on_voxels, at, facts, solution)
+    return _Field(on_voxels, at, at, facts, solution)
 
 
 def _require_exact_memory(unknowns: int) -> None:

@@ -22,9 +22,21 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numba
+from llvmlite import binding as llvm
 from numba import prange
 
 __all__ = ["kernel", "parallel_kernel", "prange"]
+
+
+def _use_widest_vectors() -> None:
+    """Let LLVM use vectors of 512 bits where the processor has them: by itself it takes 256, and half the speed."""
+    features = llvm.get_host_cpu_features()
+    if features.get("avx512f") and numba.config.CPU_FEATURES is None:
+        features["prefer-256-bit"] = False
+        numba.config.CPU_FEATURES = features.flatten()
+
+
+_use_widest_vectors()
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 Fastmath = bool | frozenset[str]

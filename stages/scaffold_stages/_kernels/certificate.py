@@ -12,7 +12,7 @@ FieldAt = Callable[[Floats], Floats]
 """Gives the field at points (n, 3), (n,)."""
 
 _SAMPLES = 9
-_REFINED = 1000
+_REFINED = 250
 _REFINEMENTS = 20
 _GOLDEN = (3.0 - 5.0**0.5) / 2.0
 
@@ -22,12 +22,13 @@ _AT_ONCE = 100_000
 _DIRECTIONS = 4
 
 
-def extremes_along(at: FieldAt, starts: Floats, ends: Floats, sign: int) -> Floats:
+def extremes_along(at: FieldAt, starts: Floats, ends: Floats, sign: int, precisely_at: FieldAt | None = None) -> Floats:
     """Return the greatest (`sign` = 1) or least (-1) s found on each segment `starts`-`ends` (n, 3), (n,).
 
-    Each is sampled at 9 points; the thousand that come out most extreme also between the neighbours of their best
-    point, by golden section.
+    Each is sampled at 9 points; the 250 that come out most extreme also between the neighbours of their best
+    point, by golden section and `precisely_at` where that is another way to the field than `at`.
     """
+    precisely_at = precisely_at or at
     shares = np.linspace(0.0, 1.0, _SAMPLES)
     extremes, places = np.empty(len(starts)), np.empty(len(starts))
     for part in _parts(len(starts)):
@@ -36,7 +37,7 @@ def extremes_along(at: FieldAt, starts: Floats, ends: Floats, sign: int) -> Floa
         extremes[part], places[part] = samples.max(axis=1), shares[samples.argmax(axis=1)]
     closest = np.sort(np.argsort(-extremes, kind="stable")[:_REFINED])
     a, step = starts[closest], (ends - starts)[closest]
-    extremes[closest] = _refined(lambda t: sign * at(a + t[:, None] * step), extremes[closest], places[closest])
+    extremes[closest] = _refined(lambda t: sign * precisely_at(a + t[:, None] * step), places[closest])
     return sign * extremes
 
 
@@ -72,10 +73,11 @@ def _ring(steps: Floats) -> Floats:
     return np.asarray(np.cos(angles) * across + np.sin(angles) * np.cross(axes, across))
 
 
-def _refined(value_at: Callable[[Floats], Floats], best: Floats, place: Floats) -> Floats:
+def _refined(value_at: Callable[[Floats], Floats], place: Floats) -> Floats:
     """Return the greatest value found about each place, 0..1, the interval narrowed always in its longer part."""
     reach = 1.0 / (_SAMPLES - 1)
     low, high = np.maximum(place - reach, 0.0), np.minimum(place + reach, 1.0)
+    best = value_at(place)
     for _ in range(_REFINEMENTS):
         trial = place + _GOLDEN * np.where(place - low > high - place, low - place, high - place)
         value = value_at(trial)

@@ -8,13 +8,14 @@ it: the generalised inverse multiquadric with compact support. A point that no s
 Shepard, "A two-dimensional interpolation function for irregularly-spaced data" (1968); Franke, Nielson, "Smooth
 interpolation of large sets of scattered data", IJNME 15 (1980); the anisotropic distance is that of Liu, Guo, Yu.
 
-Sums run over the segments in one fixed order, and a segment out of reach adds an exact zero: how the grid is cut into
-blocks and how many threads work on it changes no bit.
+Sums run over the segments in one fixed order, and a segment out of reach adds an exact zero: how segments are listed
+and how many threads work changes no bit. This file has the field at points, `shepard_grid` that on voxels.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,14 +31,17 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LANES = 16
-"""Samples that are summed at once, along the last axis of a grid: always as many, so that none is a remainder and each
-is computed by the same instructions. 32 took a tenth longer, more of them being out of reach; 8 become no vector."""
+Power = tuple[None, ...]
+"""p / 2 as so many Nones: a length is part of a type, so that each has machine code of its own without a branch."""
 
-_FAST = frozenset({"contract", "nsz"})
+_GROUP, _LANES = 64, 16
+"""Points that are skipped at once, where they are out of reach, and that are summed at once: these are always as many,
+so that each is computed by the same instructions."""
+
+FAST = frozenset({"contract", "nsz"})
 """Fused multiply-add and no signed zero. Nothing that reorders a sum: the order is part of the result."""
 
-_SLACK = np.float32(1.001)
+SLACK = np.float32(1.001)
 """Reach, squared, is widened by this much before a segment is skipped, so that rounding never skips a non-zero."""
 
 LEAST_SHAPE = 1e-9
@@ -46,12 +50,8 @@ LEAST_SHAPE = 1e-9
 _SHORTEST = float(np.finfo(np.float32).tiny)
 """Least squared length of a segment that has a direction: 1 / of less would leave single precision."""
 
-_STRIDE = 64
-"""Blocks are worked on in this stride, so that the equal shares of all threads take equal time."""
-
 _ONE: Any = np.float32(1.0)  # a plain 1.0 would make everything that it meets double precision
 _ZERO: Any = np.float32(0.0)
-_AT_ONCE = 100_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +70,15 @@ class Segments:
     power: int
     centre: Floats
     unit: float
+
+    @cached_property
+    def table(self) -> Floats:
+        """A row for each segment, (n, 11), with all that sums at points need of it side by side."""
+        squares = (self.steps**2).sum(axis=0)
+        inverses = np.divide(1.0, squares, out=np.zeros_like(squares), where=squares > _SHORTEST)
+        shapes = np.maximum(self.shapes, LEAST_SHAPE)
+        columns = (inverses, shapes, 1.0 + shapes / self.reaches, 1.0 / self.reaches, np.sqrt(self.reaches))
+        return np.stack([*self.starts, *self.steps, *columns], axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +126,7 @@ def bin_segments(segments: Segments, origin: Floats, sizes: Floats, shape: tuple
 
     Raises `StageError` where the lists need more memory than there is.
     """
-    ends, reaches = segments.starts + segments.steps, np.sqrt(segments.reaches * _SLACK)
+    ends, reaches = segments.starts + segments.steps, np.sqrt(segments.reaches * SLACK)
     first = (np.minimum(segments.starts, ends) - reaches - origin[:, None]) / sizes[:, None]
     last = (np.maximum(segments.starts, ends) + reaches - origin[:, None]) / sizes[:, None]
     most = np.array(shape)[:, None]
@@ -179,7 +188,7 @@ def _squared_distance(x: float, y: float, z: float, starts: Floats, steps: Float
     return _squared_offset(wx, wy, wz, dx, dy, dz, wx * dx + wy * dy + wz * dz, inverse_length)
 
 
-@kernel(fastmath=_FAST, inline=True)
+@kernel(fastmath=FAST, inline=True)
 def _squared_offset(
     wx: float, wy: float, wz: float, dx: float, dy: float, dz: float, along: float, inverse_length: float
 ) -> float:
@@ -189,162 +198,122 @@ def _squared_offset(
     return ex * ex + ey * ey + ez * ez
 
 
-@kernel(fastmath=_FAST, inline=True)
-def _weight(squared_distance: float, shape: float, inverse_reach: float, power: int) -> float:
-    """Return k of a squared distance; `shape` = (c h)^2, `inverse_reach` = 1 / (R h)^2, `power` = p / 2."""
-    taper: float = max(_ZERO, _ONE - squared_distance * inverse_reach)
-    q: float = _ONE / (squared_distance + shape)
-    k = q
-    if power == 2:  # noqa: PLR2004 - of q
-        k = q * q
-    elif power == 3:  # noqa: PLR2004 - of q
-        k = q * q * q
-    elif power == 4:  # noqa: PLR2004 - of q
-        k = (q * q) * (q * q)
-    return k * (taper * taper)
+@kernel(fastmath=FAST, inline=True)
+def weight(q: float, inverse: float, c1: float, inverse_reach: float, power: Power) -> float:
+    """Return k where q = r^2 + (c h)^2, `inverse` = 1 / q, c1 = 1 + (c / R)^2 and `inverse_reach` = 1 / (R h)^2.
 
-
-def _table(segments: Segments) -> Floats:
-    """Return a row for each segment, (n, 10), with all that the sums need of it side by side."""
-    squares = segments.steps**2
-    lengths, seen_along_z = squares.sum(axis=0), squares[:2].sum(axis=0)
-    inverses = [np.divide(1.0, s, out=np.zeros_like(s), where=s > _SHORTEST) for s in (lengths, seen_along_z)]
-    shapes = np.maximum(segments.shapes, LEAST_SHAPE)
-    return np.stack(
-        [*segments.starts, *segments.steps, inverses[0], shapes, 1.0 / segments.reaches, inverses[1]], axis=1
-    )
-
-
-def field_on_blocks(
-    segments: Segments, bins: Bins, origin: Floats, spacing: float, active: Ints, inside: NDArray[np.bool_],
-    values: NDArray[np.float32],
-) -> int:  # fmt: skip
-    """Fill the blocks numbered in `active` of `values` (nx, ny, nz) with the field.
-
-    The blocks are the boxes of `bins`, a whole number of samples each along x and y and `LANES` along z; sample
-    (0, 0, 0) lies at `origin` (3,), `spacing` apart, in the segments' units. Returns how many samples of
-    `inside` (nx, ny, nz) are not reached by segments of both signs.
+    With them (1 - (r / R h)^2) / q = c1 / q - 1 / (R h)^2.
     """
-    xs, ys, zs = ((x + spacing * np.arange(n)).astype(np.float32) for x, n in zip(origin, values.shape, strict=True))
-    rows = np.array([round(size / spacing) for size in bins.sizes[:2]])
-    half_reached = np.zeros(len(active), np.int64)
-    spread = active[np.argsort(np.arange(len(active)) % _STRIDE, kind="stable")]
-    _fill_blocks(
-        _table(segments).astype(np.float32), segments.struts, segments.power, bins.offsets, bins.members,
-        np.array(bins.shape), rows, spread, xs, ys, zs, inside, values, half_reached,
-    )  # fmt: skip
-    return int(half_reached.sum())
-
-
-@parallel_kernel(fastmath=_FAST)
-def _fill_blocks(
-    table: NDArray[np.float32], struts: int, power: int, offsets: Ints, members: NDArray[np.int32], boxes: Ints,
-    rows: Ints, active: Ints, xs: NDArray[np.float32], ys: NDArray[np.float32], zs: NDArray[np.float32],
-    inside: NDArray[np.bool_], values: NDArray[np.float32], half_reached: Ints,
-) -> None:  # fmt: skip
-    for number in prange(len(active)):
-        block = active[number]
-        i, j, k = block // (boxes[1] * boxes[2]), (block // boxes[2]) % boxes[1], block % boxes[2]
-        x, y, z = slice(i * rows[0], (i + 1) * rows[0]), slice(j * rows[1], (j + 1) * rows[1]), k * LANES
-        near = members[offsets[block] : offsets[block + 1]]
-        middle = np.searchsorted(near, struts)
-        sums, lanes = np.zeros((2, rows[0], rows[1], LANES), np.float32), np.empty(LANES, np.float32)
-        for lane in range(LANES):
-            lanes[lane] = zs[min(z + lane, len(zs) - 1)]
-        _add_weights(table, near[:middle], power, xs[x], ys[y], lanes, sums[0])
-        _add_weights(table, near[middle:], power, xs[x], ys[y], lanes, sums[1])
-        half_reached[number] = _divide(sums, inside[x, y, z : z + LANES], values[x, y, z : z + LANES])
-
-
-@kernel(fastmath=_FAST)
-def _add_weights(
-    table: NDArray[np.float32], near: NDArray[np.int32], power: int, xs: NDArray[np.float32], ys: NDArray[np.float32],
-    zs: NDArray[np.float32], sums: NDArray[np.float32],
-) -> None:  # fmt: skip
-    """Add the weights of the segments `near` to `sums` (nx, ny, LANES) at the samples of axes `xs`, `ys` and `zs`.
-
-    A segment that, seen along z, misses a column by more than its reach adds nothing there and is skipped. One segment
-    meets all columns before the next is read: the other order took half as long again.
-    """
-    for n in range(len(near)):
-        row = table[near[n]]
-        dx, dy, dz, inverse_length, shape, inverse_reach = row[3], row[4], row[5], row[6], row[7], row[8]
-        for i in range(len(xs)):
-            for j in range(len(ys)):
-                wx, wy = xs[i] - row[0], ys[j] - row[1]
-                along = wx * dx + wy * dy
-                if _squared_offset(wx, wy, _ZERO, dx, dy, _ZERO, along, row[9]) * inverse_reach > _SLACK:
-                    continue
-                for lane in range(LANES):
-                    wz = zs[lane] - row[2]
-                    squared = _squared_offset(wx, wy, wz, dx, dy, dz, along + wz * dz, inverse_length)
-                    sums[i, j, lane] += _weight(squared, shape, inverse_reach, power)
-
-
-@kernel
-def _divide(sums: NDArray[np.float32], inside: NDArray[np.bool_], values: NDArray[np.float32]) -> int:
-    """Put s into `values` (nx, ny, nz), of sums (2, ...); return how many samples `inside` lack one of the signs."""
-    half_reached = 0
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            for k in range(values.shape[2]):
-                solid, void = sums[0, i, j, k], sums[1, i, j, k]
-                values[i, j, k] = _quotient(solid, void)
-                half_reached += inside[i, j, k] and not (solid > _ZERO and void > _ZERO)
-    return half_reached
+    g: float = max(c1 * inverse - inverse_reach, _ZERO)
+    if len(power) == 1:
+        return g * g * q
+    if len(power) == 3:  # noqa: PLR2004 - of the inverse
+        return g * g * inverse
+    if len(power) == 4:  # noqa: PLR2004 - of the inverse
+        return (g * inverse) * (g * inverse)
+    return g * g
 
 
 @kernel(inline=True)
-def _quotient(solid: float, void: float) -> float:
+def quotient(solid: float, void: float) -> float:
     """Return s of the sums of weights of each sign, void where there are none."""
     total = solid + void
     return (solid - void) / total if total > _ZERO else -_ONE
 
 
-def field_at(segments: Segments, bins: Bins, points: Floats) -> Floats:
-    """Return s at `points` (n, 3), in the segments' units and within the boxes of `bins`, in double precision."""
-    cells = np.clip(((points - bins.origin) / bins.sizes).astype(np.int64), 0, np.array(bins.shape) - 1)
-    boxes = (cells[:, 0] * bins.shape[1] + cells[:, 1]) * bins.shape[2] + cells[:, 2]
-    order = np.argsort(boxes, kind="stable")
-    used, firsts = np.unique(boxes[order], return_index=True)
-    values, (xs, ys, zs) = np.empty(len(points)), np.ascontiguousarray(points[order].T)
+def field_at(segments: Segments, bins: Bins, points: Floats, precision: type[np.floating[Any]] = np.float64) -> Floats:
+    """Return s at `points` (n, 3), in the segments' units and within the boxes of `bins`, summed in a precision."""
+    order, used, firsts = _sorted_by_box(points, bins)
+    values = np.empty(len(points), precision)
     _fill_points(
-        _table(segments), segments.struts, segments.power, bins.offsets, bins.members, used,
-        np.append(firsts, len(points)), xs, ys, zs, order, values,
+        segments.table.astype(precision, copy=False), segments.struts, (None,) * segments.power, bins.offsets,
+        bins.members, used, firsts, points.astype(precision), order, values,
     )  # fmt: skip
-    return values
+    return values.astype(np.float64)
 
 
-@parallel_kernel(fastmath=_FAST)
+def _sorted_by_box(points: Floats, bins: Bins) -> tuple[Ints, Ints, Ints]:
+    """Return an order of the points (n,) by box and eighth of it, the boxes that hold any, and the first of each."""
+    shape = np.array(bins.shape)
+    eighths, order = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+    counts = np.zeros(8 * shape.prod() + 1, np.int64)
+    _count_in_eighths(points, bins.origin, bins.sizes, shape, eighths, counts)
+    firsts = counts.cumsum()
+    _sort_by_eighth(eighths, firsts[:-1].copy(), order)
+    used = np.flatnonzero(np.diff(firsts[::8]))
+    return order, used, np.append(firsts[8 * used], len(points))
+
+
+@kernel
+def _count_in_eighths(points: Floats, origin: Floats, sizes: Floats, shape: Ints, eighths: Ints, counts: Ints) -> None:
+    """Put eight times each point's box and the eighth of it into `eighths` (n,), how many lie in each into `counts`."""
+    for n in range(len(points)):
+        box, eighth = 0, 0
+        for axis in range(3):
+            place = (points[n, axis] - origin[axis]) / sizes[axis]
+            cell = min(max(int(place), 0), shape[axis] - 1)
+            box = box * shape[axis] + cell
+            eighth = 2 * eighth + (place - cell > 0.5)  # noqa: PLR2004 - the middle
+        eighths[n] = 8 * box + eighth
+        counts[eighths[n] + 1] += 1
+
+
+@kernel
+def _sort_by_eighth(eighths: Ints, cursors: Ints, order: Ints) -> None:
+    for n in range(len(eighths)):
+        order[cursors[eighths[n]]] = n
+        cursors[eighths[n]] += 1
+
+
+@parallel_kernel(fastmath=FAST)
 def _fill_points(
-    table: Floats, struts: int, power: int, offsets: Ints, members: NDArray[np.int32], boxes: Ints, firsts: Ints,
-    xs: Floats, ys: Floats, zs: Floats, order: Ints, values: Floats,
+    table: Floats, struts: int, power: Power, offsets: Ints, members: NDArray[np.int32], boxes: Ints, firsts: Ints,
+    points: Floats, order: Ints, values: Floats,
 ) -> None:  # fmt: skip
-    """Sum over the points of each box, `LANES` at once; points are sorted by box and `order` says whose they are."""
+    """Sum over the points of each box, `_GROUP` at once; `order` has them by box."""
     for number in prange(len(boxes)):
         near = members[offsets[boxes[number]] : offsets[boxes[number] + 1]]
         middle = np.searchsorted(near, struts)
-        lanes, solid, void = np.empty((3, LANES)), np.empty(LANES), np.empty(LANES)
-        for first in range(firsts[number], firsts[number + 1], LANES):
-            last = min(first + LANES, firsts[number + 1]) - 1
-            for lane in range(LANES):
-                n = min(first + lane, last)
-                lanes[0, lane], lanes[1, lane], lanes[2, lane] = xs[n], ys[n], zs[n]
-            _sum_points(table, near[:middle], power, lanes, solid)
-            _sum_points(table, near[middle:], power, lanes, void)
-            for n in range(first, last + 1):
-                values[order[n]] = _quotient(solid[n - first], void[n - first])
+        xyz, sums = np.empty((3, _GROUP), table.dtype), np.empty((2, _GROUP), table.dtype)
+        for first in range(firsts[number], firsts[number + 1], _GROUP):
+            after = min(first + _GROUP, firsts[number + 1])
+            lanes = -(-(after - first) // _LANES) * _LANES
+            for lane in range(lanes):
+                n = order[min(first + lane, after - 1)]
+                xyz[0, lane], xyz[1, lane], xyz[2, lane] = points[n, 0], points[n, 1], points[n, 2]
+            _sum_points(table, near[:middle], power, xyz, lanes, sums[0])
+            _sum_points(table, near[middle:], power, xyz, lanes, sums[1])
+            for n in range(first, after):
+                values[order[n]] = quotient(sums[0, n - first], sums[1, n - first])
 
 
-@kernel(fastmath=_FAST)
-def _sum_points(table: Floats, near: NDArray[np.int32], power: int, points: Floats, sums: Floats) -> None:
-    """Put the weights of the segments `near` at `points` (3, LANES) into `sums`."""
-    sums[:] = 0.0
-    for n in range(len(near)):
-        row = table[near[n]]
-        dx, dy, dz, inverse_length, shape, inverse_reach = row[3], row[4], row[5], row[6], row[7], row[8]
-        for lane in range(LANES):
-            wx, wy, wz = points[0, lane] - row[0], points[1, lane] - row[1], points[2, lane] - row[2]
-            along = wx * dx + wy * dy + wz * dz
-            squared = _squared_offset(wx, wy, wz, dx, dy, dz, along, inverse_length)
-            sums[lane] += _weight(squared, shape, inverse_reach, power)
+@kernel(fastmath=FAST)
+def _sum_points(table: Floats, near: NDArray[np.int32], power: Power, xyz: Floats, lanes: int, sums: Floats) -> None:
+    """Put the weights of the segments `near` at the first `lanes` points of `xyz` (3, _GROUP) into `sums`."""
+    sums[:] = _ZERO
+    x, y, z, radius = _ball_around(xyz[:, :lanes])
+    for member in near:
+        row = table[member]
+        ax, ay, az, dx, dy, dz, inverse_length = row[0], row[1], row[2], row[3], row[4], row[5], row[6]
+        shape, c1, inverse_reach = row[7], row[8], row[9]
+        wx, wy, wz = x - ax, y - ay, z - az
+        away = _squared_offset(wx, wy, wz, dx, dy, dz, wx * dx + wy * dy + wz * dz, inverse_length)
+        if away > (row[10] + radius) * (row[10] + radius) * SLACK:
+            continue
+        for vector in range(lanes // _LANES):
+            for offset in range(_LANES):
+                lane = np.uint64(vector * _LANES + offset)
+                vx, vy, vz = xyz[0, lane] - ax, xyz[1, lane] - ay, xyz[2, lane] - az
+                along = vx * dx + vy * dy + vz * dz
+                q = shape + _squared_offset(vx, vy, vz, dx, dy, dz, along, inverse_length)
+                sums[lane] += weight(q, _ONE / q, c1, inverse_reach, power)
+
+
+@kernel
+def _ball_around(xyz: Floats) -> tuple[float, float, float, float]:
+    """Return middle and radius of a ball that holds the points `xyz` (3, n)."""
+    half = xyz.dtype.type(0.5)
+    low_x, high_x, low_y, high_y = xyz[0].min(), xyz[0].max(), xyz[1].min(), xyz[1].max()
+    low_z, high_z = xyz[2].min(), xyz[2].max()
+    x, y, z = half * (low_x + high_x), half * (low_y + high_y), half * (low_z + high_z)
+    return x, y, z, np.sqrt((high_x - x) ** 2 + (high_y - y) ** 2 + (high_z - z) ** 2)
