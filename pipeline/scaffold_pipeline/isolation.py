@@ -1,7 +1,7 @@
 """Call a function in a child process whose crash or hang is survived.
 
-Native geometry libraries end the process or never return on some inputs. The child gets arrays and scalars as
-a file, works in a temporary folder, and answers with a file; its death is one `StageError`.
+Native geometry libraries end the process, never return or take all memory on some inputs. The child gets arrays and
+scalars as a file, works in a temporary folder, and answers with a file; its death is one `StageError`.
 """
 
 from __future__ import annotations
@@ -20,6 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_pipeline.errors import PipelineError, StageError
+from scaffold_pipeline.memory import available_memory
+
+_OUT_OF_MEMORY = ("MemoryError", "bad_alloc")
+"""What Python and C++ say where an allocation fails."""
 
 Arrays = dict[str, NDArray[Any]]
 Scalars = dict[str, str | int | float | bool | None]
@@ -28,24 +32,25 @@ Scalars = dict[str, str | int | float | bool | None]
 def call_in_child(
     function: Callable[..., Arrays], arrays: Arrays, scalars: Scalars, *, seconds: float, about: str
 ) -> Arrays:
-    """Return `function(**arrays, **scalars)`, computed in a child process within `seconds`.
+    """Return `function(**arrays, **scalars)`, computed in a child process within `seconds` and the free memory.
 
     `function` is a module's top-level function that takes arrays and scalars by keyword and returns arrays.
-    `about` names the input and the remedy in the error that the child's death, an exception or the time-out
-    becomes (`StageError`).
+    `about` names the input and the remedy in the error that the child's death, an exception, the time-out or
+    the want of memory becomes (`StageError`). Only Linux ends a child for its memory.
     """
+    memory = available_memory()
     with tempfile.TemporaryDirectory(prefix="scaffold-") as folder:
         box = Path(folder)
         np.savez(box / "request.npz", allow_pickle=False, **arrays)
-        request = {"module": function.__module__, "function": function.__qualname__, "scalars": scalars}
-        (box / "request.json").write_text(json.dumps(request), encoding="utf-8")
+        request = {"module": function.__module__, "function": function.__qualname__, "memory": memory}
+        (box / "request.json").write_text(json.dumps({**request, "scalars": scalars}), encoding="utf-8")
         code = _run_child(box, seconds, about)
         failure = box / "error.txt"
         if failure.exists():
             raise StageError(f"{failure.read_text(encoding='utf-8')}; {about}")
         answer = box / "answer.npz"
         if code != 0 or not answer.exists():
-            raise StageError(f"{request['module']} {_death(code)}{_last_words(box)}; {about}")
+            raise StageError(f"{request['module']} {_death(code, box, memory)}; {about}")
         with np.load(answer, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
 
@@ -63,15 +68,13 @@ def _run_child(box: Path, seconds: float, about: str) -> int:
             child.wait()
 
 
-def _death(code: int) -> str:
-    if code < 0:
-        return f"was ended by {signal.Signals(-code).name}"
-    return f"ended with exit code {code}"
-
-
-def _last_words(box: Path) -> str:
+def _death(code: int, box: Path, memory: int) -> str:
     lines = (box / "output.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
-    return f" ({lines[-1].strip()[:200]})" if lines else ""
+    last = lines[-1].strip()[:200] if lines else ""
+    if any(sign in line for line in lines for sign in _OUT_OF_MEMORY):
+        return f"needs more than the {memory / 2**30:.1f} GiB of memory that were free ({last})"
+    ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
+    return f"{ended} ({last})" if last else ended
 
 
 def _serve(box: Path) -> None:
@@ -79,6 +82,7 @@ def _serve(box: Path) -> None:
     _die_with_parent()
     request = json.loads((box / "request.json").read_text(encoding="utf-8"))
     function = getattr(import_module(request["module"]), request["function"])
+    _use_at_most(request["memory"])
     with np.load(box / "request.npz", allow_pickle=False) as stored:
         arrays = {name: stored[name] for name in stored.files}
     try:
@@ -96,6 +100,14 @@ def _die_with_parent() -> None:
 
         set_death_signal = 1  # PR_SET_PDEATHSIG of prctl(2)
         ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
+
+
+def _use_at_most(memory: int) -> None:
+    """Let this process have so many bytes: an allocation that fails is better than a machine that swaps to death."""
+    if sys.platform == "linux":
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (memory, memory))
 
 
 if __name__ == "__main__":

@@ -1,14 +1,18 @@
-"""How fast the field is, as ratios measured in one run: `python tests/benchmarks/field.py [--small]`.
+"""How fast the field is, as ratios measured in one run: `python tests/benchmarks/field.py`.
 
-Prints a table. Nothing here is asserted: a shared machine's seconds are no test. `--small` leaves out the 512^3 grid.
+Prints a table. Nothing here is asserted: a shared machine's seconds are no test. `--small` leaves out the 512^3 grid;
+`--bone FILE --units m` is an anatomical surface that takes the place of a block where the mesh is to be a real one.
 """
 
+import argparse
 import ctypes
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 
@@ -20,12 +24,17 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from kernels.oracle import icosahedron
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
 from scaffold_pipeline.memory import PeakMemory
+from scaffold_stages import arbf_field as arbf_module
 from scaffold_stages._kernels import interpolant, shepard
+from scaffold_stages._kernels.grids import grid_over, grown, samples_inside
+from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
 from scaffold_stages._kernels.skeleton import skeleton_of
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
+from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
+from scaffold_stages.tetrahedralise import TetrahedraliseParams, tetrahedralise
 from shapes import box, tetrahedra
 
-ROWS, EDGE = 16, 16  # samples of a block along x and y; voxels to a mesh edge
+EDGE = 16  # voxels to a mesh edge
 CORES = sorted({1, numba.config.NUMBA_NUM_THREADS})
 
 CPP = r"""
@@ -70,10 +79,17 @@ extern "C" void exact(const double* points, long n, const double* starts, const 
 """
 
 
-def main(*, small):
+def main():
     """Measure everything and print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--small", action="store_true")
+    parser.add_argument("--bone", type=Path)
+    parser.add_argument("--units", default="mm")
+    given = parser.parse_args()
     print("| what | value |\n|---|---|")
-    for name, value in chain(kernel_rows(), exact_rows(), sparse_rows(), growth_rows(small=small)):
+    for name, value in chain(
+        kernel_rows(), exact_rows(), sparse_rows(given.bone, given.units), growth_rows(small=given.small)
+    ):
         print(f"| {name} | {value} |", flush=True)
 
 
@@ -88,13 +104,21 @@ def seconds_of(work, repeats=3):
     return min(times)
 
 
+def on_cores(cores, work):
+    """Return what a call gives while so many threads are used."""
+    numba.set_num_threads(cores)
+    try:
+        return work()
+    finally:
+        numba.set_num_threads(CORES[-1])
+
+
 def kernel_rows():
     """Yield the point-to-segment kernel against numpy and C++, every voxel with every segment."""
     segments, side = random_segments(2000), 64
     axis = np.linspace(-0.5, 0.5, side)
     pairs = side**3 * 2000
-    everything = in_every_block(segments, side, axis)
-    ours = {cores: pairs / timed_blocks(segments, everything, axis, cores) / 1e9 for cores in CORES}
+    ours = {cores: on_cores(cores, lambda: pairs / every_pair(segments, axis) / 1e9) for cores in CORES}
     points = np.stack(np.meshgrid(axis[:16], axis[:16], axis[:16], indexing="ij"), axis=-1).reshape(-1, 3)
     broadcast = len(points) * 2000 / seconds_of(lambda: by_broadcasting(segments, points)) / 1e9
     for cores, rate in ours.items():
@@ -102,7 +126,7 @@ def kernel_rows():
         yield f"kernel, {cores} cores / numpy broadcasting", f"{rate / broadcast:.0f}"
     compiled = library()
     if compiled is not None:
-        table = np.ascontiguousarray(shepard._table(segments)[:, :9], np.float32)
+        table = cpp_table(segments)
         x = axis.astype(np.float32)
         out = np.zeros((side, side, side), np.float32)
         cpp = pairs / seconds_of(lambda: compiled.rows(at(table), 2000, at(x), at(x), at(x), side, side, side, at(out)))
@@ -118,28 +142,22 @@ def random_segments(count):
     return shepard.Segments(starts, steps, shapes, reaches, count // 4, 2, np.zeros(3), 1.0)
 
 
-def in_every_block(segments, side, axis):
-    """Return bins in which every block lists every segment."""
-    step = axis[1] - axis[0]
-    samples = np.array([ROWS, ROWS, shepard.LANES])
-    blocks = tuple(int(count) for count in -(-side // samples))
-    total = int(np.prod(blocks))
-    members = np.tile(np.arange(segments.starts.shape[1], dtype=np.int32), total)
-    offsets = np.arange(total + 1) * segments.starts.shape[1]
-    return shepard.Bins(offsets, members, np.full(3, axis[0] - step / 2), step * samples, blocks)
-
-
-def timed_blocks(segments, bins, axis, cores, active=None):
-    """Return the seconds that the blocks take on so many cores."""
-    values = np.empty((len(axis),) * 3, np.float32)
+def every_pair(segments, axis):
+    """Return the seconds that a cube of samples takes where every sample meets every segment."""
+    values, step = np.empty((len(axis),) * 3, np.float32), axis[1] - axis[0]
+    tiles = -(-len(axis) // TILE)
+    count = segments.starts.shape[1]
+    members, offsets = np.arange(count, dtype=np.int32), np.array([0, count])
+    bins = shepard.Bins(offsets, members, np.full(3, axis[0] - step / 2), np.full(3, step * tiles * TILE), (1, 1, 1))
     inside = np.zeros(values.shape, bool)
-    active = np.arange(len(bins.offsets) - 1) if active is None else active
-    origin, step = np.full(3, axis[0]), axis[1] - axis[0]
-    numba.set_num_threads(cores)
-    try:
-        return seconds_of(lambda: shepard.field_on_blocks(segments, bins, origin, step, active, inside, values))
-    finally:
-        numba.set_num_threads(CORES[-1])
+    active = np.arange(tiles**3)
+    return seconds_of(lambda: field_on_tiles(segments, bins, np.full(3, axis[0]), step, active, inside, values))
+
+
+def cpp_table(segments):
+    """Return what the C++ loop reads of each segment, (n, 9)."""
+    columns = (1.0 / (segments.steps**2).sum(axis=0), segments.shapes, 1.0 / segments.reaches)
+    return np.ascontiguousarray(np.stack([*segments.starts, *segments.steps, *columns], axis=1), np.float32)
 
 
 def by_broadcasting(segments, points):
@@ -208,44 +226,62 @@ def block_mesh(cubes):
     return VolumeMesh(moved, mesh.tetrahedra), OuterShape(*box((0.0, 0.0, 0.0), (float(cubes * EDGE),) * 3))
 
 
-def sparse_rows():
-    """Yield what the compact support saves at 256 voxels: the same kernel with every segment in every block."""
-    mesh, outer = block_mesh(16)
-    params = ArbfFieldParams(voxel_size=1.0)
-    whole = seconds_of(lambda: arbf_field(mesh, outer, params=params), 1)
+def real_mesh(file, units):
+    """Return an anatomical surface and the mesh of about ten thousand cells that the pipeline makes of it."""
+    outer = load_surface(params=LoadSurfaceParams(path=file, units=units))
+    return tetrahedralise(outer, params=TetrahedraliseParams(cells=10_000)), outer
+
+
+def sparse_rows(bone, units):
+    """Yield what the compact support saves, 256 voxels along the long side: against every segment at every voxel."""
+    mesh, outer = real_mesh(bone, units) if bone else block_mesh(12)
+    params = ArbfFieldParams(voxel_size=float(np.ptp(outer.bounds, axis=0).max()) / 256)
+    field, voxels, shape = ready_field(mesh, outer, params)
     segments = shepard.segments_of(skeleton_of(mesh.vertices, mesh.cells), c=0.01, support=1.0, exponent=4)
-    axis = (np.arange(64) - 32.0) / segments.unit
-    bins = in_every_block(segments, 64, axis)
-    few = np.arange(2)
-    brute = timed_blocks(segments, bins, axis, CORES[-1], few) / (len(few) * ROWS * ROWS * shepard.LANES) * 256**3
-    yield (
-        f"{len(mesh.tetrahedra)} tetrahedra, 256^3: all segments at every voxel / ours, certificate included",
-        f"{brute / whole:.0f}",
-    )
+    everywhere = replace(segments, reaches=np.full_like(segments.reaches, 1e6))
+    axis = (np.arange(2 * TILE) - TILE) * voxels.spacing / segments.unit
+    for cores in CORES:
+        every = on_cores(cores, lambda: every_pair(everywhere, axis)) / len(axis) ** 3 * np.prod(shape)
+        ours = on_cores(cores, lambda: seconds_of(lambda: field.on_voxels(voxels)))
+        stage = on_cores(cores, lambda: seconds_of(lambda: arbf_field(mesh, outer, params=params), 1))
+        label = f"{len(mesh.tetrahedra)} cells, {'x'.join(map(str, shape))}, {cores} cores: every element at each voxel"
+        yield f"{label} / the field", f"{every / ours:.0f} ({every:.0f} s / {ours:.2f} s)"
+        yield f"{label} / the stage, certificate and all", f"{every / stage:.0f}"
+
+
+def ready_field(mesh, outer, params):
+    """Return the field of a mesh, ready to be summed on the voxels of a shape, these, and their numbers."""
+    origin, shape = grid_over(outer.bounds, params.voxel_size, arbf_module.MARGIN)
+    inside = samples_inside(outer.vertices, outer.faces, origin, params.voxel_size, shape)
+    voxels = arbf_module._Voxels(origin, params.voxel_size, inside, grown(inside, 2))
+    return arbf_module._normalised(skeleton_of(mesh.vertices, mesh.cells), params), voxels, shape
 
 
 def growth_rows(*, small):
-    """Yield the time per voxel and the peak memory as mesh and grid grow together."""
-    per_voxel = {}
+    """Yield the time per voxel and the peak memory as mesh and grid grow together, 16 voxels to an edge."""
+    seconds = {}
     for cubes in (8, 15) if small else (8, 15, 32):
         mesh, outer = block_mesh(cubes)
         arbf_field(mesh, outer, params=ArbfFieldParams(voxel_size=8.0))
-        started = time.perf_counter()
-        with PeakMemory() as memory:
-            field = arbf_field(mesh, outer, params=ArbfFieldParams(voxel_size=1.0))
-        seconds = time.perf_counter() - started
-        side = cubes * EDGE
-        per_voxel[side] = seconds / side**3
-        label = f"{len(mesh.tetrahedra)} tetrahedra, {side}^3 voxels"
-        yield f"{label}: seconds, {CORES[-1]} cores, certificate included", f"{seconds:.1f}"
+        for cores in CORES:
+            with PeakMemory() as memory:
+                field, seconds[cubes, cores] = on_cores(cores, partial(timed_field, mesh, outer))
+            label = f"{len(mesh.tetrahedra)} cells, {cubes * EDGE}^3 voxels, {cores} cores"
+            peak = f"{memory.peak / 2**30:.2f} GiB, {memory.peak / field.values.nbytes:.1f} fields"
+            yield f"{label}: seconds, certificate and all; peak memory", f"{seconds[cubes, cores]:.1f}; {peak}"
+        yield f"{label} / 1 core", f"{seconds[cubes, 1] / seconds[cubes, cores]:.2f}"
         yield (
-            f"{label}: peak memory / field",
-            f"{memory.peak / field.values.nbytes:.1f} ({memory.peak / 2**30:.2f} GiB)",
+            f"time per voxel, {cubes * EDGE}^3 / {8 * EDGE}^3, {cores} cores",
+            f"{seconds[cubes, cores] / cubes**3 / (seconds[8, cores] / 8**3):.2f}",
         )
-    sides = sorted(per_voxel)
-    for side in sides[1:]:
-        yield f"time per voxel, {side}^3 / {sides[0]}^3", f"{per_voxel[side] / per_voxel[sides[0]]:.2f}"
+
+
+def timed_field(mesh, outer):
+    """Return the field at a voxel of 1 mm and the seconds it took."""
+    started = time.perf_counter()
+    field = arbf_field(mesh, outer, params=ArbfFieldParams(voxel_size=1.0))
+    return field, time.perf_counter() - started
 
 
 if __name__ == "__main__":
-    main(small="--small" in sys.argv)
+    main()

@@ -54,6 +54,9 @@ WORK = """
         open("left.txt", "w").write("left")
         return {"folder": np.array(os.getcwd())}
 
+    def devour(*, gigabytes):
+        return {"sum": np.ones(gigabytes * 2**27).sum()}
+
     def spell(*, path):
         open(path, "w").write(str(os.getpid()))
         time.sleep(60)
@@ -152,3 +155,11 @@ def test_a_child_ends_with_its_killed_parent(tmp_path: Path):
     parent.kill()
     parent.wait()
     wait_for(lambda: not child.is_running() or child.status() == psutil.STATUS_ZOMBIE)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a child for its memory")
+def test_a_child_gets_no_more_memory_than_is_free(work: ModuleType, monkeypatch: pytest.MonkeyPatch):
+    assert call(work.devour, gigabytes=1)["sum"] == 2**27
+    monkeypatch.setattr("scaffold_pipeline.isolation.available_memory", lambda: 2**30)
+    with pytest.raises(StageError, match=r"more than the 1.0 GiB of memory that were free \(.*\); heel.stl"):
+        call(work.devour, gigabytes=2)
