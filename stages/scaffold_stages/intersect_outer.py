@@ -18,8 +18,11 @@ class IntersectOuterParams(Params):
     min_closed_pore: Share = Field(default=0.001, ge=0.0, le=1.0)
     """Closed pores below this share of the pore volume are filled: they would hold powder or resin for ever."""
 
+    fill: bool = False
+    """Whether all closed pores are filled, however large."""
 
-@stage(writes="solid", version=2)
+
+@stage(writes="solid", version=3)
 def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectOuterParams) -> Solid:
     """Cut the porous surface to the outer shape, with a solid skin where asked for, and keep the one main piece.
 
@@ -35,7 +38,8 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
     if solid.is_empty():
         raise StageError("nothing remains inside the outer shape; lower porosity or iso")
     shells = solids.shells_of(solid)
-    kept = solids.main_piece(shells, params.min_closed_pore * (shape.volume() - solid.volume()))
+    smallest_kept = 1.0 if params.fill else params.min_closed_pore
+    kept = solids.main_piece(shells, smallest_kept * (shape.volume() - solid.volume()))
     pores = solids.pore_volumes(solids.shells_of(void), kept, shape.volume())
     facts: dict[str, Fact] = {
         "pieces_removed": len(kept.floating),

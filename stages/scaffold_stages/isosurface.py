@@ -41,6 +41,9 @@ class IsosurfaceParams(Params):
     )
     """Closed pores below this share of the pore volume, which `intersect_outer` fills: counted as solid too."""
 
+    fill: Annotated[bool, Follows("intersect_outer", "fill")] = False
+    """Whether `intersect_outer` fills all closed pores."""
+
     @model_validator(mode="after")
     def _one_target(self) -> IsosurfaceParams:
         if (self.porosity is None) == (self.iso is None):
@@ -48,7 +51,7 @@ class IsosurfaceParams(Params):
         return self
 
 
-@stage(writes="porous", version=2)
+@stage(writes="porous", version=3)
 def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParams) -> IsoSurface:
     """Extract the closed surface of {field > iso}; a porosity is solved for on the volume of the clipped solid.
 
@@ -91,7 +94,8 @@ class _Search:
 
         self.field, self.last = field, samples[-1]
         self.isos, self.shares = _quantiles(samples)
-        self.porosity, self.skin, self.min_closed_pore = params.porosity or 0.0, params.skin, params.min_closed_pore
+        self.porosity, self.skin = params.porosity or 0.0, params.skin
+        self.smallest_kept = 1.0 if params.fill else params.min_closed_pore
         self.shape = to_body(outer.vertices, outer.faces, "outer shape")
         self.core = core_under(outer.vertices, outer.faces, params.skin)
         self.greatest = (self.shape if self.core is None else self.core).volume() / self.shape.volume()
@@ -105,7 +109,7 @@ class _Search:
         vertices, faces = iso_surface(self.field.values, iso, self.field.origin, self.field.spacing)
         solid, _ = clipped(to_body(vertices, faces, f"iso-surface at {iso:.4g}"), self.shape, self.core)
         volume = self.shape.volume()
-        least = self.min_closed_pore * (volume - solid.volume())
+        least = self.smallest_kept * (volume - solid.volume())
         kept = 0.0 if solid.is_empty() else main_piece(shells_of(solid), least).volume
         return _Trial(share, 1.0 - kept / volume, iso, vertices, faces)
 

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from scaffold_pipeline.artifacts import (
     Fact,
@@ -20,8 +20,11 @@ from scaffold_pipeline.artifacts import (
     SurfaceMesh,
     VolumeMesh,
 )
-from scaffold_pipeline.contract import Params, Share, stage
+from scaffold_pipeline.contract import Millimetres, Params, Share, stage
 from scaffold_pipeline.errors import PipelineWarning
+
+_ON_OUTER = 1e-3
+"""A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""
 
 
 class MeasureParams(Params):
@@ -32,6 +35,15 @@ class MeasureParams(Params):
 
     least_connected_pores: Share = Field(default=0.99, ge=0.0, le=1.0)
     """Share of the pore volume that must hang together; the clip cuts slivers off at the surface."""
+
+    min_strut: Millimetres | None = Field(default=None, gt=0.0)
+    """Thickness that the thinnest strut must have; not asked for by default."""
+
+    min_throat: Millimetres | None = Field(default=None, gt=0.0)
+    """Width that the narrowest throat of a channel must have; not asked for by default."""
+
+    build_volume: tuple[Millimetres, Millimetres, Millimetres] | None = None
+    """The printer's room, in which the solid must find place, turned by right angles; not asked for by default."""
 
     gate_manifold: bool = True
     """Whether an open or non-manifold solid fails."""
@@ -48,8 +60,15 @@ class MeasureParams(Params):
     gate_certificate: bool = True
     """Whether an iso outside the field's certified window fails."""
 
+    @field_validator("build_volume")
+    @classmethod
+    def _has_room(cls, room: tuple[float, float, float] | None) -> tuple[float, float, float] | None:
+        if room is not None and min(room) <= 0.0:
+            raise ValueError(f"must be three lengths above 0 mm, got {room}")
+        return room
 
-@stage(writes="metrics", version=2)
+
+@stage(writes="metrics", version=3)
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -75,6 +94,8 @@ def measure(
         **(field.certificate.at(porous.iso) if field.certificate else {}),
         **_shell_facts(vertices, faces),
         **_pore_facts(solid.pore_volumes),
+        **(_thickness_facts(file, outer, mesh, field.spacing) if mesh else {}),
+        **{f"size_{axis}_mm": float(size) for axis, size in zip("xyz", np.ptp(file.bounds, axis=0), strict=True)},
         "volume_mm3": file.volume,
         "area_mm2": file.area,
         "outer_volume_mm3": outer.volume,
@@ -127,6 +148,28 @@ def _pore_facts(volumes: Floats) -> dict[str, Fact]:
     }
 
 
+def _thickness_facts(file: SurfaceMesh, outer: OuterShape, mesh: VolumeMesh, spacing: float) -> dict[str, Fact]:
+    """Measure the struts and channels of the mesh in the file itself, which the certificate cannot see."""
+    from scaffold_stages._kernels.skeleton import skeleton_of
+    from scaffold_stages._kernels.thickness import narrowest_throat, thinnest_strut
+
+    skeleton, solid = skeleton_of(mesh.vertices, mesh.cells), (file.vertices, file.faces)
+    strut = thinnest_strut(skeleton, solid, (outer.vertices, outer.faces), _ON_OUTER * spacing)
+    throat = narrowest_throat(skeleton, solid)
+    return {
+        "thinnest_strut_mm": strut.diameter if strut else None,
+        "thinnest_strut_at": _place(strut.place) if strut else None,
+        "struts_interrupted": strut.interrupted if strut else None,
+        "narrowest_throat_mm": throat.diameter if throat else None,
+        "narrowest_throat_at": _place(throat.place) if throat else None,
+        "channels_interrupted": throat.interrupted if throat else None,
+    }
+
+
+def _place(point: Floats) -> str:
+    return ", ".join(f"{coordinate:.4g}" for coordinate in point)
+
+
 def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed: int) -> Iterator[str]:
     """Yield a line for each gate that is on and fails: which, by how much, and what to change."""
     if params.gate_manifold and not values["is_manifold"]:
@@ -139,6 +182,7 @@ def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed
         )
     yield from _failed_shares(values, params)
     yield from _failed_certificate(values) if params.gate_certificate else ()
+    yield from _failed_sizes(values, params)
 
 
 def _failed_shares(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
@@ -170,6 +214,26 @@ def _failed_certificate(values: dict[str, Fact]) -> Iterator[str]:
             f"certificate: iso {iso:.4f} is {iso - high:.4f} above strut_min: {values['struts_broken']} of "
             f"{values['struts']} struts may be broken; lower porosity, or lower c"
         )
+
+
+def _failed_sizes(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
+    for name, asked, key, remedy in (
+        ("min_strut", params.min_strut, "thinnest_strut", "lower porosity, or use larger cells or smaller voxels"),
+        ("min_throat", params.min_throat, "narrowest_throat", "raise porosity, or use larger cells or smaller voxels"),
+    ):
+        if asked is None:
+            continue
+        found = values.get(f"{key}_mm")
+        if found is None:
+            yield f"{name}: nothing to measure; the config needs a mesh before measure"
+        elif _number(found) < asked:
+            place = values[f"{key}_at"]
+            yield f"{name}: {_number(found):.3g} mm at ({place}), at least {asked:g} is asked for; {remedy}"
+    size = [_number(values[f"size_{axis}_mm"]) for axis in "xyz"]
+    room = params.build_volume
+    if room is not None and any(needed > there for needed, there in zip(sorted(size), sorted(room), strict=True)):
+        measures, rooms = (" x ".join(f"{length:g}" for length in lengths) for lengths in (size, room))
+        yield f"build_volume: {measures} mm do not fit into {rooms} mm; print it in parts, or scale the input"
 
 
 def _number(fact: Fact) -> float:

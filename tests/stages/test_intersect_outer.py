@@ -110,7 +110,7 @@ def test_small_closed_pores_are_filled_and_counted_and_large_ones_stay():
     assert solid.facts["closed_pore_volume_filled_mm3"] == pytest.approx(1.0)
     assert solid.pore_volumes == pytest.approx([27.0])
     assert clipped(surface_of(*block), min_closed_pore=0.0).pore_volumes == pytest.approx([27.0, 1.0])
-    assert len(clipped(surface_of(*block), min_closed_pore=1.0).pore_volumes) == 0
+    assert len(clipped(surface_of(*block), fill=True).pore_volumes) == 0
 
 
 def test_another_skin_than_the_porosity_was_solved_for_is_refused():

@@ -40,6 +40,7 @@ def test_it_keeps_the_contract_of_a_stage():
     assert {name: mark.stage for name, mark in declared.params.marked(Follows).items()} == {
         "skin": "intersect_outer",
         "min_closed_pore": "intersect_outer",
+        "fill": "intersect_outer",
     }
 
 
@@ -142,6 +143,6 @@ def test_closed_pores_that_the_clip_keeps_count_as_pores():
 def test_a_porosity_that_no_iso_gives_is_answered_by_the_nearest_and_a_warning():
     field, outer = closed_pores(2.0)
     with pytest.warns(PipelineWarning, match=r"^porosity 0.1: no iso gives it; the nearest found has 0.\d+ at iso"):
-        surface = found(field, outer, porosity=0.1, min_closed_pore=0.5)  # every pore is filled
+        surface = found(field, outer, porosity=0.1, fill=True)
     require_closed(surface.vertices, surface.faces)
     assert surface.facts["rounds"] == 12

@@ -10,8 +10,8 @@ import pytest
 from scaffold_pipeline.artifacts import Certificate, IsoSurface, Metrics, ScalarField, Solid
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_stages._kernels import solids
-from scaffold_stages.measure import MeasureParams, measure
-from shapes import box, inverted, outer_of, tetrahedra, together
+from scaffold_stages.measure import MeasureParams, _failed_sizes, measure
+from shapes import box, hexahedra, inverted, outer_of, tetrahedra, together
 
 OUTER = outer_of(box((0.0, 0.0, 0.0), (10.0, 8.0, 6.0)))
 POROSITY = 4.0 * 3.0 * 6.0 / 480.0
@@ -195,3 +195,59 @@ def test_a_solid_without_pores_has_none_to_connect():
     metrics = measured(whole, porous=porous(porosity=None))
     assert (metrics.values["pore_pieces"], metrics.values["porosity"]) == (0, pytest.approx(0.0, abs=1e-12))
     assert [line.partition(":")[0] for line in metrics.failed_gates] == ["pores_connected"]
+
+
+def struts_and_throats(**asked: object) -> Metrics:
+    """Measure a block of two cells, a slit of 1 mm cut between them but for a bar of 2 x 2 mm in the middle."""
+    outer = outer_of(box((0.0, 0.0, 0.0), (20.0, 10.0, 10.0)))
+    slit = solids.to_body(*box((9.5, -1.0, -1.0), (10.5, 11.0, 11.0)), "slit")
+    bar = solids.to_body(*box((9.0, 4.0, 4.0), (11.0, 6.0, 6.0)), "bar")
+    block = solids.to_body(outer.vertices, outer.faces, "block") - (slit - bar)
+    solid = Solid(*solids.from_body(block), pore_volumes=np.array([1.0]))
+    params = MeasureParams.model_validate({"gate_porosity": False, **asked})
+    return measure(solid, outer, porous(), field(), hexahedra((2, 1, 1), edge=10.0), params=params)
+
+
+def test_struts_and_throats_are_measured_in_the_file_where_there_is_a_mesh():
+    values = struts_and_throats().values
+    assert values["narrowest_throat_mm"] == 0.0  # the middle of the cells is solid, and so is the bar between them
+    assert values["channels_interrupted"] == 12
+    assert (values["size_x_mm"], values["size_y_mm"], values["size_z_mm"]) == (20.0, 10.0, 10.0)
+    assert "thinnest_strut_mm" not in measured(solid_of(pierced())).values
+
+
+@pytest.mark.parametrize(
+    ("asked", "said"),
+    [
+        ({"min_throat": 0.3}, "min_throat: 0 mm at ("),
+        ({"build_volume": (10.0, 10.0, 19.0)}, "build_volume: 20 x 10 x 10 mm do not fit into 10 x 10 x 19 mm"),
+        ({"build_volume": (30.0, 9.0, 30.0)}, "build_volume: 20 x 10 x 10 mm do not fit into 30 x 9 x 30 mm"),
+    ],
+)
+def test_what_is_too_narrow_or_too_large_fails_where_it_is_asked_for(asked: dict[str, object], said: str):
+    (failure,) = struts_and_throats(**asked).failed_gates
+    assert failure.startswith(said)
+    assert "; " in failure
+
+
+def test_a_strut_thinner_than_asked_for_fails_and_one_as_thick_passes():
+    values = {"thinnest_strut_mm": 0.4, "thinnest_strut_at": "1, 2, 3"}
+    sizes = {f"size_{axis}_mm": 1.0 for axis in "xyz"}
+    (failure,) = _failed_sizes(values | sizes, MeasureParams(min_strut=0.5))
+    assert failure.startswith("min_strut: 0.4 mm at (1, 2, 3), at least 0.5 is asked for; ")
+    assert list(_failed_sizes(values | sizes, MeasureParams(min_strut=0.4))) == []
+
+
+def test_without_a_mesh_a_thickness_that_is_asked_for_fails():
+    (failure,) = measured(solid_of(pierced()), min_strut=0.1).failed_gates
+    assert failure.startswith("min_strut: nothing to measure")
+
+
+def test_a_solid_that_fits_when_it_is_turned_passes():
+    assert struts_and_throats(build_volume=(10.0, 20.0, 10.0)).failed_gates == ()
+
+
+@pytest.mark.parametrize("room", [(1.0, 0.0, 1.0), (1.0, -1.0, 1.0)])
+def test_a_room_without_room_is_no_parameter(room: tuple[float, float, float]):
+    with pytest.raises(ValueError, match="above 0 mm"):
+        MeasureParams(build_volume=room)

@@ -1,0 +1,83 @@
+"""The thickness of struts and the width of throats, on a block of rooms whose walls and windows are known."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from scaffold_stages._kernels import solids
+from scaffold_stages._kernels.skeleton import skeleton_of
+from scaffold_stages._kernels.thickness import narrowest_throat, thinnest_strut
+from shapes import box, hexahedra
+
+OUTER = box((0.0, 0.0, 0.0), (20.0, 20.0, 20.0))
+MESH = hexahedra((2, 2, 2), edge=10.0)
+SKELETON = skeleton_of(MESH.vertices, MESH.cells)
+
+
+def body(low: tuple[float, float, float], high: tuple[float, float, float]):
+    return solids.to_body(*box(low, high), "box")
+
+
+def rooms():
+    """Return 8 rooms of 8 mm behind walls of 2 mm, square windows of 4 mm in the middle of each wall."""
+    block = body((0.0, 0.0, 0.0), (20.0, 20.0, 20.0))
+    for corner in product((0.0, 10.0), repeat=3):
+        x, y, z = corner
+        block -= body((x + 1, y + 1, z + 1), (x + 9, y + 9, z + 9))
+    for axis, (i, j) in product(range(3), product((3.0, 13.0), repeat=2)):
+        low, high = np.insert([i, j], axis, -1.0), np.insert([i + 4.0, j + 4.0], axis, 21.0)
+        block -= body(tuple(low), tuple(high))
+    return block
+
+
+def measured(solid: object):
+    surface = solids.from_body(solid)
+    return thinnest_strut(SKELETON, surface, OUTER, 1e-3), narrowest_throat(SKELETON, surface)
+
+
+def test_the_ball_about_an_axis_touches_the_nearest_wall():
+    strut, throat = measured(rooms())
+    assert strut.diameter == pytest.approx(2.0 * np.sqrt(2.0))  # an inner edge has four rooms, 1 mm off on two axes
+    assert throat.diameter == pytest.approx(4.0)
+    assert strut.interrupted == throat.interrupted == 0
+
+
+def test_the_thinnest_place_is_told():
+    strut, _ = measured(rooms() - body((10.5, 10.5, 4.5), (12.0, 12.0, 5.5)))
+    assert strut.diameter == pytest.approx(2.0 * np.sqrt(0.5))
+    np.testing.assert_allclose(strut.place, [10.0, 10.0, 5.0])
+
+
+def test_a_strut_that_is_cut_through_is_interrupted():
+    strut, throat = measured(rooms() - body((8.0, 8.0, 4.5), (12.0, 12.0, 5.5)))
+    assert strut.diameter == 0.0
+    assert strut.interrupted == 1
+    np.testing.assert_allclose(strut.place, [10.0, 10.0, 5.0])
+    assert throat.interrupted == 0
+
+
+def test_a_window_that_is_walled_up_interrupts_the_channels_of_both_its_rooms():
+    strut, throat = measured(rooms() + body((9.0, 2.0, 2.0), (11.0, 8.0, 8.0)))
+    assert throat.diameter == 0.0
+    assert throat.interrupted == 2
+    assert strut.interrupted == 0
+
+
+def test_a_narrower_window_is_the_narrowest_throat():
+    _, throat = measured(rooms() + (body((9.0, 2.0, 2.0), (11.0, 8.0, 8.0)) - body((8.0, 4.5, 4.0), (12.0, 5.5, 6.0))))
+    assert throat.diameter == pytest.approx(1.0)
+
+
+def test_what_the_clip_cuts_says_nothing_of_a_strut():
+    """All but the middle of the block away: its edges end at the cut, and the nearest wall of some is the cut."""
+    cut = (4.0, 4.0, 4.0), (16.0, 16.0, 16.0)
+    surface = solids.from_body(rooms() ^ body(*cut))
+    assert thinnest_strut(SKELETON, surface, box(*cut), 1e-3).diameter == pytest.approx(2.0 * np.sqrt(2.0))
+
+
+def test_a_solid_whose_struts_all_lie_on_the_cut_has_none_to_measure():
+    one = hexahedra((1, 1, 1), edge=20.0)
+    assert thinnest_strut(skeleton_of(one.vertices, one.cells), OUTER, OUTER, 1e-3) is None
