@@ -41,7 +41,9 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
     smallest_kept = 1.0 if params.fill else params.min_closed_pore
     kept = solids.main_piece(shells, smallest_kept * (shape.volume() - solid.volume()))
     pores = solids.pore_volumes(solids.shells_of(void), kept, shape.volume())
+    surface = outer.vertices, outer.faces
     facts: dict[str, Fact] = {
+        "clip_distance_mm": solids.distance_from(shape, solid, kept.is_kept[shells.numbers], surface),
         "pieces_removed": len(kept.floating),
         "volume_removed_mm3": float(kept.floating.sum() - kept.foreign.sum()),
         "closed_pores": kept.closed_pores,

@@ -171,3 +171,14 @@ def test_simplification_takes_coplanar_triangles_out_and_keeps_the_shape():
     coarse = solids.simplified(fine, 0.05)
     assert coarse.num_tri() < fine.num_tri() / 2
     assert coarse.volume() == pytest.approx(fine.volume(), rel=0.03)
+
+
+def test_how_far_a_cut_surface_lies_from_the_shape_it_was_cut_to():
+    shape, inner = box((0.0, 0.0, 0.0), (4.0, 4.0, 4.0)), box((1.0, 1.0, 1.0), (3.0, 3.0, 9.0))
+    outer = solids.to_body(*shape, "outer")
+    cut = outer ^ solids.to_body(*inner, "inner")
+    faces = np.ones(len(solids.from_body(cut)[1]), bool)
+    assert solids.distance_from(outer, cut, faces, shape) == 0.0
+    moved = shape[0] + np.array([0.0, 0.0, 0.25]), shape[1]
+    assert solids.distance_from(outer, cut, faces, moved) == pytest.approx(0.25)
+    assert solids.distance_from(outer, cut, ~faces, moved) == 0.0

@@ -65,6 +65,7 @@ def test_every_vertex_of_the_solid_lies_on_the_outer_shape_or_on_the_porous_surf
 def test_the_edges_of_a_box_stay_sharp():
     solid = clipped(gyroid_surface(BOX))
     assert np.array_equal(solid.bounds, BOX.bounds)
+    assert solid.facts["clip_distance_mm"] < 1e-12
     on_faces = (np.abs(solid.vertices[:, None] - BOX.bounds) == 0.0).any(axis=1)
     assert (on_faces.sum(axis=1) == 1).sum() > 100  # on a face of the box
     assert (on_faces.sum(axis=1) == 2).sum() > 10  # on an edge
@@ -141,3 +142,4 @@ def test_far_from_the_origin_the_solid_is_still_one_that_a_file_holds():
     solid = clipped(gyroid_surface(outer), outer)
     require_printable(solid)
     assert solid.volume == pytest.approx(outer.volume * 0.45, rel=0.1)
+    assert 0.0 < solid.facts["clip_distance_mm"] < 2e-3  # a step of single precision, 20 m from the origin

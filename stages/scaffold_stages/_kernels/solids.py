@@ -83,6 +83,24 @@ def from_body(body: Body) -> tuple[Floats, Ints]:
     return np.array(mesh.vert_properties[:, :3], np.float64), np.array(mesh.tri_verts, np.int64)
 
 
+def distance_from(original: Body, body: Body, is_counted: Mask, surface: tuple[Floats, Ints]) -> float:
+    """Return how far what `body` has of an `original` lies from its surface at most, mm, rounded to single precision.
+
+    `is_counted` (m,) tells which faces of `body` are asked about; `surface` is the original's, (n, 3) and (k, 3).
+    """
+    import igl
+
+    mesh = body.to_mesh64()
+    runs = np.diff(np.asarray(mesh.run_index, np.int64)) // 3
+    is_ours = np.repeat(np.isin(mesh.run_original_id, original.to_mesh64().run_original_id), runs)
+    corners = np.unique(np.asarray(mesh.tri_verts)[is_ours & is_counted])
+    if not len(corners):
+        return 0.0
+    rounded = np.asarray(mesh.vert_properties)[corners, :3].astype(np.float32).astype(np.float64)
+    squared, _, _ = igl.point_mesh_squared_distance(rounded, *surface)
+    return float(np.sqrt(squared.max()))
+
+
 def shells_of(body: Body) -> Shells:
     """Split a body into its shells.
 
