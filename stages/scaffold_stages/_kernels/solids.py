@@ -91,8 +91,8 @@ def distance_from(original: Body, body: Body, is_counted: Mask, surface: tuple[F
     import igl
 
     mesh = body.to_mesh64()
-    runs = np.diff(np.asarray(mesh.run_index, np.int64)) // 3
-    is_ours = np.repeat(np.isin(mesh.run_original_id, original.to_mesh64().run_original_id), runs)
+    starts: Ints = np.array(mesh.run_index, np.int64) // 3
+    is_ours = np.repeat(np.isin(mesh.run_original_id, original.to_mesh64().run_original_id), starts[1:] - starts[:-1])
     corners = np.unique(np.asarray(mesh.tri_verts)[is_ours & is_counted])
     if not len(corners):
         return 0.0
