@@ -128,7 +128,7 @@ class ArbfFieldParams(Params):
         return self
 
 
-@stage(writes="field", version=5)
+@stage(writes="field", version=6)
 def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) -> ScalarField:
     """Compute the ARBF field of a volume mesh on voxels over the outer shape, and certify its connectivity.
 
@@ -337,9 +337,9 @@ def _exact(skeleton: Skeleton, params: ArbfFieldParams) -> _Field:
 
     def on_voxels(voxels: _Voxels) -> NDArray[np.float32]:
         values = np.full(voxels.inside.shape, -1.0, np.float32)
-        for x, (layer, is_near) in enumerate(zip(values, voxels.near, strict=True)):
-            places = np.insert(np.argwhere(is_near), 0, x, axis=1)
-            layer[is_near] = at(voxels.origin + voxels.spacing * places)
+        lengths = [voxels.spacing * np.arange(count) for count in values.shape]
+        x, y, z = (first + length for first, length in zip(voxels.origin, lengths, strict=True))
+        interpolant.evaluate_on_grid((x, y, z), voxels.near, elements, solution.weights, basis, c, values)
         return values
 
     facts: dict[str, Fact] = {

@@ -10,12 +10,21 @@ import pytest
 from kernels.oracle import phi
 from scaffold_stages._kernels.bases import (
     BASES,
+    ROOT_SCALE,
     basis_value,
+    exponential,
     gaussian,
     inverse_multiquadric,
+    logarithm,
     multiquadric,
+    scale_of,
+    scaled_reciprocal_root,
+    shift_of,
+    summand,
     thin_plate_spline,
 )
+
+RNG = np.random.default_rng(21)
 
 
 def test_every_basis_has_its_own_number():
@@ -59,3 +68,55 @@ def test_gaussian_and_inverse_multiquadric_fall_and_the_multiquadric_grows_with_
 
 def test_a_thin_plate_spline_tends_to_nothing_at_the_element():
     assert [thin_plate_spline(r * r) for r in (1e-100, 1e-160, 1e-300)] == pytest.approx([0.0] * 3, abs=1e-150)
+
+
+def require_within(bound: float, values: list[float], expected: np.ndarray):
+    """Compare with extended precision, where there is any."""
+    assert np.abs(np.array(values, np.longdouble) / expected - 1.0).max() < bound
+
+
+@pytest.mark.parametrize("decades", [290, 3, 0.3], ids=str)
+def test_the_reciprocal_root_is_within_its_bound(decades: float):
+    numbers = 10 ** RNG.uniform(-decades, decades, 4000)
+    exact = ROOT_SCALE / np.sqrt(numbers.astype(np.longdouble))
+    require_within(5e-16, [scaled_reciprocal_root(number) for number in numbers], exact)
+
+
+def test_the_reciprocal_root_is_within_its_bound_at_the_ends_of_its_first_guess():
+    """The guess is worst at powers of two and half-way between, and the cycle is a factor of four."""
+    around = np.array([1.0, 1.5, 2.0, 3.0, 4.0])[:, None] * (1 + np.finfo(float).eps * np.arange(-40, 41))
+    numbers = np.concatenate([(around * 4.0**k).ravel() for k in (-450, -7, 0, 5, 450)])
+    exact = ROOT_SCALE / np.sqrt(numbers.astype(np.longdouble))
+    require_within(5e-16, [scaled_reciprocal_root(number) for number in numbers], exact)
+
+
+@pytest.mark.parametrize("least", [-700.0, -20.0, -1.0, -1e-9])
+def test_the_exponential_is_within_its_bound(least: float):
+    numbers = RNG.uniform(least, 0.0, 4000)
+    require_within(3e-16, [exponential(number) for number in numbers], np.exp(numbers.astype(np.longdouble)))
+
+
+def test_the_exponential_of_very_little_is_next_to_nothing():
+    assert [exponential(x) for x in (0.0, -0.0)] == [1.0, 1.0]
+    assert 0.0 < exponential(-math.inf) == exponential(-1e9) < exponential(-707.0) < 1e-300
+
+
+@pytest.mark.parametrize(("low", "high"), [(1e-300, 1e-290), (1e-9, 1e9), (0.7, 1.42), (1 - 1e-9, 1 + 1e-9)])
+def test_the_logarithm_is_within_its_bound(low: float, high: float):
+    numbers = np.exp(RNG.uniform(np.log(low), np.log(high), 4000))
+    numbers = numbers[numbers != 1.0]
+    require_within(4e-16, [logarithm(number) for number in numbers], np.log(numbers.astype(np.longdouble)))
+
+
+def test_the_logarithm_of_one_and_of_nothing():
+    assert logarithm(1.0) == 0.0
+    assert math.isfinite(logarithm(0.0))
+
+
+@pytest.mark.parametrize("basis", BASES)
+def test_a_summand_is_a_basis_function_but_for_its_scale(basis: str):
+    number = BASES[basis]
+    assert math.frexp(scale_of(number))[0] in {0.5, -0.5}
+    for squared in (0.0, 1e-14, 0.3, 1.0, 1e6):
+        value = summand(number, squared + shift_of(number, 0.1), 0.1) / scale_of(number)
+        assert value == pytest.approx(basis_value(number, squared, 0.1), rel=1e-15)

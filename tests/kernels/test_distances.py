@@ -8,9 +8,11 @@ import pytest
 from kernels.oracle import searched, to_segment
 from scaffold_stages._kernels.distances import (
     READINGS,
+    frames_of,
     squared_endpoint,
     squared_endpoint_to_segment,
     squared_exact,
+    squared_in_frame,
     squared_point_point,
     squared_point_segment,
     squared_segment_segment,
@@ -93,3 +95,22 @@ def test_nearly_parallel_segments_keep_their_distance(tilt: float, rng: np.rando
         c, d = np.array([offset, -tilt, 0.5]), np.array([offset + 1.0, tilt, 0.5])
         true = float(searched(a, b, c, d))
         assert squared_exact(*a, *b, *c, *d) == pytest.approx(true, rel=1e-12, abs=1e-15)
+
+
+def test_frames_are_orthonormal_and_their_first_axes_level(rng: np.random.Generator):
+    steps = np.vstack([rng.normal(size=(20, 3)), np.eye(3), -np.eye(3), [(0, 0, 0), (0, 1e-170, 1e-9), (5e-324, 0, 0)]])
+    starts = rng.normal(size=steps.shape) * (np.abs(steps).max(axis=1, keepdims=True) > 1e-12)
+    frames = frames_of(starts, starts + steps).T
+    beside = np.column_stack([frames[:, 3:5], np.zeros(len(frames))])
+    axes = np.stack([beside, frames[:, 5:8], frames[:, 8:11]], axis=1)
+    np.testing.assert_allclose(axes @ axes.transpose(0, 2, 1), np.broadcast_to(np.eye(3), axes.shape), atol=1e-15)
+    np.testing.assert_allclose(frames[:, 11:] * frames[:, 8:11], steps, rtol=0, atol=1e-15)
+    np.testing.assert_array_equal(frames[:, :3], starts)
+
+
+def test_a_distance_in_a_frame_is_the_distance(rng: np.random.Generator):
+    for p, a, b in rng.normal(size=(200, 3, 3)):
+        frame = frames_of(a[None], b[None])[:, 0]
+        w = p - frame[:3]
+        squared = squared_in_frame((w[:2] @ frame[3:5]) ** 2, w @ frame[5:8], w @ frame[8:11], frame[11])
+        assert squared == pytest.approx(squared_point_segment(*p, *a, *b), rel=1e-12)

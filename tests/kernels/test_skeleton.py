@@ -15,9 +15,10 @@ from kernels.oracle import (
     icosahedron,
     one_tetrahedron,
 )
-from scaffold_pipeline.artifacts import VolumeMesh
+from scaffold_pipeline.artifacts import PlanarMesh, SurfaceMesh, VolumeMesh
 from scaffold_pipeline.cell_types import CELL_TYPES
-from scaffold_stages._kernels.skeleton import Skeleton, _groups, skeleton_of
+from scaffold_stages._kernels.skeleton import Skeleton, skeleton_of, slab_around
+from scaffold_stages._kernels.triangles import edge_faults
 
 FOUR_KINDS = Mesh(
     np.vstack([HEXAHEDRON, [(0.5, 0.5, 2), (2, 0, 0.5), (2, 1, 0.5), (1.5, 0.5, 2)]]),
@@ -25,10 +26,18 @@ FOUR_KINDS = Mesh(
         "hexahedron": np.arange(8)[None],
         "tetrahedron": np.array([[5, 6, 8, 11]]),
         "pyramid": np.array([[4, 5, 6, 7, 8]]),
-        "wedge": np.array([[1, 5, 9, 2, 6, 10]]),
+        "wedge": np.array([[1, 9, 5, 2, 10, 6]]),
     },
 )
 """A cube, a pyramid on top, a wedge beside it and a tetrahedron at the pyramid: each shares one face with another."""
+
+SOLID = [name for name, kind in CELL_TYPES.items() if not kind.is_planar]
+
+TILES = Mesh(
+    np.array([(0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2), (3, 1, 2), (1, 3, 2)], dtype=float),
+    {"triangle": np.array([(1, 4, 2), (3, 2, 5)]), "quadrangle": np.array([(0, 1, 2, 3)])},
+)
+"""A square with a triangle on two of its sides."""
 
 
 def skeleton(mesh: Mesh) -> Skeleton:
@@ -101,7 +110,7 @@ def test_faces_are_shared_between_cells_of_different_kinds():
 def test_channels_run_from_the_centre_of_their_cell():
     mixed = skeleton(FOUR_KINDS)
     np.testing.assert_array_equal(mixed.channel_starts, mixed.cell_centres[mixed.channel_cells])
-    for kind, centre in zip(CELL_TYPES, mixed.cell_centres, strict=True):
+    for kind, centre in zip(SOLID, mixed.cell_centres, strict=True):
         np.testing.assert_allclose(centre, mixed.vertices[FOUR_KINDS.cells[kind][0]].mean(axis=0), rtol=1e-15)
 
 
@@ -143,10 +152,65 @@ def test_equal_edges_have_their_own_length_everywhere_and_scale_with_the_mesh():
         assert regular.mean_edge_length == pytest.approx(scale * np.sqrt(8.0))
 
 
-def test_rows_too_wide_for_one_integer_are_still_grouped():
-    few = np.random.default_rng(7).integers(-1, 2**40, size=(50, 4))
-    rows = few[np.random.default_rng(8).integers(0, 50, 400)]
-    unique, groups = _groups(rows)
-    expected, inverse = np.unique(rows, axis=0, return_inverse=True)
-    np.testing.assert_array_equal(unique, expected)
-    np.testing.assert_array_equal(groups, inverse)
+def tile_oracle(mesh: Mesh) -> tuple[set[frozenset[int]], list[tuple[Floats, Floats]]]:
+    """The edges of a planar mesh, and its channels as pairs of points: tile by tile, corner by corner."""
+    edges, channels = set(), []
+    for tile in (tile for kind in ("triangle", "quadrangle") for tile in mesh.cells.get(kind, ())):
+        for i in range(len(tile)):
+            a, b = int(tile[i - 1]), int(tile[i])
+            edges.add(frozenset((a, b)))
+            channels.append((sum(mesh.vertices[tile]) / len(tile), (mesh.vertices[a] + mesh.vertices[b]) / 2))
+    return edges, channels
+
+
+def squares(columns: int, rows: int) -> Mesh:
+    lattice = np.array([(x, y, 0.0) for y in range(rows + 1) for x in range(columns + 1)])
+    first = np.array([x + y * (columns + 1) for y in range(rows) for x in range(columns)])[:, None]
+    return Mesh(lattice, {"quadrangle": first + np.array([0, 1, columns + 2, columns + 1])})
+
+
+@pytest.mark.parametrize(
+    ("mesh", "vertices", "edges", "tiles", "channels"),
+    [
+        (squares(1, 1), 4, 4, 1, 4),
+        (squares(3, 2), 12, 17, 6, 24),
+        (Mesh(TILES.vertices[:3], {"triangle": np.array([(0, 1, 2)])}), 3, 3, 1, 3),
+        (TILES, 6, 8, 3, 10),
+    ],
+)
+def test_a_planar_mesh_has_channels_from_the_centres_of_tiles_to_those_of_edges(
+    mesh: Mesh, vertices: int, edges: int, tiles: int, channels: int
+):
+    found, (expected_edges, expected_channels) = skeleton(mesh), tile_oracle(mesh)
+    counts = (len(found.vertices), len(found.face_centres), len(found.cell_centres), len(found.channel_starts))
+    assert counts == (vertices, edges, tiles, channels)
+    assert {frozenset(edge) for edge in found.edges.tolist()} == expected_edges
+    ends = np.hstack([found.channel_starts, found.channel_ends])
+    np.testing.assert_allclose(sorted_rows(ends), sorted_rows(np.array(expected_channels).reshape(-1, 6)), atol=1e-12)
+    middles = found.vertices[found.edges].mean(axis=1)
+    np.testing.assert_allclose(sorted_rows(found.face_centres), sorted_rows(middles), atol=1e-12)
+    assert set(found.vertices[:, 2]) == set(found.face_centres[:, 2]) == set(found.channel_starts[:, 2])
+
+
+def test_an_edge_between_two_tiles_has_a_channel_from_each():
+    found = skeleton(TILES)
+    assert sorted(np.bincount(found.channel_faces)) == [1] * 6 + [2] * 2
+    np.testing.assert_array_equal(found.channel_cells, np.repeat(np.arange(3), (3, 3, 4)))
+    np.testing.assert_array_equal(found.channel_ends, found.face_centres[found.channel_faces])
+
+
+@pytest.mark.parametrize("height", [0.0, 1e6])
+def test_around_a_planar_mesh_lies_a_slab_even_over_a_hollow_tile(height: float):
+    arrow = [(0, 2), (-2, -2), (0, -1), (2, -2)]
+    corners = np.array([(x, y, height) for x, y in (*arrow, (3, 2))], float)
+    mesh = PlanarMesh(corners, triangles=np.array([(0, 3, 4)]), quadrangles=np.array([(0, 1, 2, 3)]))
+    surface = SurfaceMesh(*slab_around(mesh.vertices, mesh.cells))
+    thickness = float(np.ptp(surface.vertices[:, 2]))
+    assert not any(edge_faults(surface.faces))
+    assert surface.bounds.mean(axis=0)[2] == height
+    assert mesh.area == pytest.approx(12.0)
+    assert surface.volume == pytest.approx(12.0 * thickness)
+    a, b, c = np.moveaxis(surface.vertices[surface.faces], 1, 0)
+    tops = np.cross(b - a, c - a)[:, 2] / 2.0
+    assert tops[tops > 0].sum() == pytest.approx(12.0)  # no triangle lies upon another
+    assert tops[tops < 0].sum() == pytest.approx(-12.0)

@@ -5,7 +5,12 @@ Points are three scalars, segments six: the start's, then the end's.
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from scaffold_stages._kernels._jit import kernel
+
+Floats = NDArray[np.float64]
 
 ENDPOINT, ENDPOINT_TO_SEGMENT, EXACT = range(3)
 
@@ -31,6 +36,34 @@ def squared_point_segment(
     t = (wx * ux + wy * uy + wz * uz) / (length2 if length2 > 0.0 else 1.0)
     t = min(max(t, 0.0), 1.0)
     return squared_point_point(wx, wy, wz, t * ux, t * uy, t * uz)
+
+
+def frames_of(starts: Floats, ends: Floats) -> Floats:
+    """Return an orthonormal frame for each segment of `starts` and `ends` (n, 3), mm, as rows of (12, n).
+
+    0 to 2: its start (the middle would be rounded). 3 and 4: x and y of the axis `beside`, which is level. 5 to 7: the
+    axis `over`. 8 to 10: the axis along the segment. 11: its length. One of no length has the axes of the space.
+    """
+    steps = ends - starts
+    scales = np.abs(steps).max(axis=1, keepdims=True, initial=0.0)
+    steps = np.where(scales > 0.0, steps / np.where(scales > 0.0, scales, 1.0), (0.0, 0.0, 1.0))
+    lengths = np.linalg.norm(steps, axis=1, keepdims=True)
+    along = steps / lengths
+    level = np.hypot(along[:, :1], along[:, 1:2])
+    tilt = np.where(level > 0.0, along[:, :2] / np.where(level > 0.0, level, 1.0), (0.0, -1.0))
+    beside = np.column_stack([-tilt[:, 1], tilt[:, 0], np.zeros(len(tilt))])
+    frames = [starts, beside[:, :2], np.cross(along, beside), along, scales * lengths]
+    return np.ascontiguousarray(np.concatenate(frames, axis=1).T)
+
+
+@kernel(inline=True, fastmath=frozenset({"contract"}))
+def squared_in_frame(beside2: float, over: float, along: float, length: float) -> float:
+    """Return the squared distance of a point from a segment of a frame, of the point's coordinates in the frame.
+
+    The first of them is given squared: on a row of a grid along z, it is one number.
+    """
+    beyond = max(along - length, min(along, 0.0))
+    return beside2 + over * over + beyond * beyond
 
 
 @kernel(inline=True)

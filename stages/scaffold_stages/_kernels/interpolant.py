@@ -17,30 +17,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange
-from scaffold_stages._kernels.bases import (
-    BASES,
-    GAUSSIAN,
-    INVERSE_MULTIQUADRIC,
-    MULTIQUADRIC,
-    basis_value,
-    gaussian,
-    inverse_multiquadric,
-    multiquadric,
-    thin_plate_spline,
-)
+from scaffold_stages._kernels.bases import BASES, basis_value, scale_of, shift_of
 from scaffold_stages._kernels.distances import (
     READINGS,
+    frames_of,
     squared_point_point,
     squared_point_segment,
     squared_segment_segment,
 )
+from scaffold_stages._kernels.interpolant_sums import fill_points, fill_rows
 
 if TYPE_CHECKING:
     from scaffold_stages._kernels.skeleton import Skeleton
 
 Floats = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 
-_POINTS_A_BLOCK = 256  # five rows of this length stay in a core's first-level cache
+_STRIDE = 64  # rows are summed in this stride, so that the equal shares of all threads take equal time
 _MATRICES_AT_ONCE = 3  # the system, the eigensolver's copy of it and the eigenvectors
 _VECTORS_AT_ONCE = 50  # LAPACK's workspace
 _MARGIN = 10.0  # LAPACK's estimate of a condition number is seldom three times too small
@@ -132,9 +125,29 @@ def assemble(elements: Elements, basis: str, reading: str, c: float) -> Floats:
 
 def evaluate(xs: Floats, ys: Floats, zs: Floats, elements: Elements, weights: Floats, basis: str, c: float) -> Floats:
     """Return s, (n,), at the points of coordinates `xs`, `ys`, `zs` (n,) each, mm."""
-    sums = np.zeros(len(xs))
-    _evaluate(np.stack([xs, ys, zs]), *_coordinates(elements), np.array(weights), BASES[basis], c, sums)
-    return sums
+    values = np.empty(len(xs))
+    fill_points(np.stack([xs, ys, zs]), *_summands(elements, weights, basis, c), values)
+    return values
+
+
+def evaluate_on_grid(
+    axes: tuple[Floats, Floats, Floats], near: Bools,
+    elements: Elements, weights: Floats, basis: str, c: float, values: NDArray[np.floating],
+) -> None:  # fmt: skip
+    """Put s into `values` (nx, ny, nz), of either precision, where `near` (nx, ny, nz); `axes` are x, y and z, mm."""
+    xs, ys, zs = (np.array(axis, np.float64) for axis in axes)
+    rows = np.flatnonzero(near.any(axis=2))
+    spread = rows[np.argsort(np.arange(len(rows)) % _STRIDE, kind="stable")]
+    fill_rows(spread, xs, ys, zs, near, *_summands(elements, weights, basis, c), values)
+
+
+def _summands(
+    elements: Elements, weights: Floats, basis: str, c: float
+) -> tuple[Floats, Floats, Floats, int, float, float]:
+    """Return points, frames, scaled weights, basis, shift and c: what the kernels of sums take."""
+    number = BASES[basis]
+    points, frames = np.array(elements.points.T, order="C"), frames_of(elements.starts, elements.ends)
+    return points, frames, weights / scale_of(number), number, shift_of(number, c), c
 
 
 def _coordinates(elements: Elements) -> tuple[Floats, Floats, Floats]:
@@ -227,58 +240,3 @@ def _fill_row(
                 ax[m], ay[m], az[m], bx[m], by[m], bz[m],
             )  # fmt: skip
         matrix[i, j] = matrix[j, i] = basis_value(basis, squared, c)
-
-
-@parallel_kernel
-def _evaluate(
-    xyz: Floats,
-    points: Floats, starts: Floats, ends: Floats,
-    weights: Floats, basis: int, c: float, sums: Floats,
-) -> None:  # fmt: skip
-    """Add s at each of the points `xyz` (3, n) to `sums` (n,), blocks of points in parallel."""
-    xs, ys, zs = xyz
-    for block in prange((len(xs) + _POINTS_A_BLOCK - 1) // _POINTS_A_BLOCK):
-        low = block * _POINTS_A_BLOCK
-        high = min(low + _POINTS_A_BLOCK, len(xs))
-        _evaluate_block(
-            xs[low:high], ys[low:high], zs[low:high],
-            points, starts, ends, weights, basis, c, sums[low:high],
-        )  # fmt: skip
-
-
-@kernel
-def _evaluate_block(
-    xs: Floats, ys: Floats, zs: Floats,
-    points: Floats, starts: Floats, ends: Floats,
-    weights: Floats, basis: int, c: float, sums: Floats,
-) -> None:  # fmt: skip
-    """Add every element's share to the `sums` (b,) of a block: one element meets all points, as a vector."""
-    (px, py, pz), (ax, ay, az), (bx, by, bz) = points, starts, ends
-    squared = np.empty(len(xs))
-    for i in range(len(px)):
-        qx, qy, qz = px[i], py[i], pz[i]
-        for j in range(len(xs)):
-            squared[j] = squared_point_point(xs[j], ys[j], zs[j], qx, qy, qz)
-        _add_weighted(weights[i], squared, basis, c, sums)
-    for i in range(len(ax)):
-        sx, sy, sz, ex, ey, ez = ax[i], ay[i], az[i], bx[i], by[i], bz[i]
-        for j in range(len(xs)):
-            squared[j] = squared_point_segment(xs[j], ys[j], zs[j], sx, sy, sz, ex, ey, ez)
-        _add_weighted(weights[len(px) + i], squared, basis, c, sums)
-
-
-@kernel
-def _add_weighted(weight: float, squared: Floats, basis: int, c: float, sums: Floats) -> None:
-    """Add `weight` phi(r) to `sums` (b,); phi is chosen outside of the loops, so that they stay vectors."""
-    if basis == GAUSSIAN:
-        for j in range(len(squared)):
-            sums[j] += weight * gaussian(squared[j], c)
-    elif basis == MULTIQUADRIC:
-        for j in range(len(squared)):
-            sums[j] += weight * multiquadric(squared[j], c)
-    elif basis == INVERSE_MULTIQUADRIC:
-        for j in range(len(squared)):
-            sums[j] += weight * inverse_multiquadric(squared[j], c)
-    else:
-        for j in range(len(squared)):
-            sums[j] += weight * thin_plate_spline(squared[j])

@@ -1,4 +1,6 @@
-"""The points and segments of a volume mesh that a field is made of.
+"""The points and segments of a mesh that a field is made of, and the slab around a planar one.
+
+In a planar mesh cells are tiles and faces their edges: a channel runs from a tile's centre to the middle of an edge.
 
 Liu, Guo, Yu, "Porous Structure Design in Tissue Engineering Using Anisotropic Radial Basis Function".
 """
@@ -11,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.cell_types import CELL_TYPES
+from scaffold_pipeline.cell_types import CELL_TYPES, corner_turns, distinct_rows, edges_of_cells, faces_of_cells
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -58,7 +60,7 @@ class _Faces:
 def skeleton_of(vertices: Floats, cells: Mapping[str, Ints]) -> Skeleton:
     """Return the skeleton of `vertices` (n, 3) mm and `cells`, kind -> (m, corners) in VTK's order."""
     by_kind = {kind: cells[kind] for kind in CELL_TYPES if kind in cells and len(cells[kind])}
-    edges = _unique_edges(by_kind)
+    edges = edges_of_cells(by_kind)
     lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
     local_lengths = _mean_at_vertices(edges, lengths, len(vertices))
     cell_centres = _means_over_corners(vertices, by_kind)
@@ -85,11 +87,6 @@ def _means_over_corners(values: Floats, cells: Mapping[str, Ints]) -> Floats:
     return np.concatenate([values[corners].mean(axis=1) for corners in cells.values()])
 
 
-def _unique_edges(cells: Mapping[str, Ints]) -> Ints:
-    ends = [corners[:, list(pair)] for kind, corners in cells.items() for pair in CELL_TYPES[kind].edges]
-    return _groups(np.sort(np.concatenate(ends), axis=1))[0]
-
-
 def _mean_at_vertices(edges: Ints, lengths: Floats, count: int) -> Floats:
     """Return the mean length of the edges at each of `count` vertices, (count,)."""
     both = edges.T.ravel()
@@ -104,49 +101,32 @@ def _channel_cells(cells: Mapping[str, Ints]) -> Ints:
 
 
 def _unique_faces(vertices: Floats, cells: Mapping[str, Ints]) -> _Faces:
-    """Find the faces by their corners; triangles are filled up with -1, so one sort serves both shapes."""
-    corners = np.concatenate([_faces_of_cells(kind, of_kind) for kind, of_kind in cells.items()])
-    corners.sort(axis=1)
-    unique, of_channels = _groups(corners)
+    """Find the faces by their corners, filled up with -1, so that one sort serves all shapes."""
+    unique, of_channels = distinct_rows(np.sort(faces_of_cells(cells), axis=1))
     is_corner = unique >= 0
     sums = np.where(is_corner[:, :, None], vertices[unique], 0.0).sum(axis=1)
     return _Faces(sums / is_corner.sum(axis=1)[:, None], of_channels)
 
 
-def _faces_of_cells(kind: str, cells: Ints) -> Ints:
-    """Return the corners of each face, cell after cell, (m * faces, 4), -1 where a triangle has none."""
-    faces = CELL_TYPES[kind].faces
-    corners = np.full((len(cells), len(faces), 4), -1)
-    for i, face in enumerate(faces):
-        corners[:, i, : len(face)] = cells[:, list(face)]
-    return corners.reshape(-1, 4)
+def slab_around(vertices: Floats, cells: Mapping[str, Ints]) -> tuple[Floats, Ints]:
+    """Return a closed slab amid which a planar mesh lies, as thick as its edges are long, normals outwards.
 
-
-def _groups(rows: Ints) -> tuple[Ints, Ints]:
-    """Return the distinct rows of `rows` (r, w), in lexicographic order, and which one each is, (r,).
-
-    Rows are packed into one integer each: `np.unique(axis=0)` compares them as byte strings, which is slow.
+    Its vertices (2 n, 3) mm are those of the mesh, below and above the plane; its triangles (m, 3) bound no other
+    area than the cells'.
     """
-    keys = _packed(rows)
-    order = np.argsort(keys)
-    ordered = keys[order]
-    is_new = np.ones(len(rows), dtype=bool)
-    is_new[1:] = ordered[1:] != ordered[:-1]
-    groups = np.empty(len(rows), dtype=np.int64)
-    groups[order] = np.cumsum(is_new) - 1
-    return rows[order[is_new]], groups
+    edges = faces_of_cells(cells)
+    groups = distinct_rows(np.sort(edges, axis=1))[1]
+    a, b = edges[np.bincount(groups)[groups] == 1, :2].T
+    half = np.array([0.0, 0.0, np.linalg.norm(vertices[b] - vertices[a], axis=1).mean() / 2.0])
+    up = len(vertices)
+    walls = [np.stack(corners, axis=1) for corners in ((a, b, b + up), (a, b + up, a + up))]
+    bottom = np.concatenate([_fans(vertices, tiles) for tiles in cells.values()])[:, ::-1]
+    return np.concatenate([vertices - half, vertices + half]), np.concatenate([bottom, bottom[:, ::-1] + up, *walls])
 
 
-def _packed(rows: Ints) -> Ints:
-    """Return one integer for each row, (r,), that compares with others as the rows do."""
-    least = rows.min()
-    base = int(rows.max() - least) + 1
-    keys: Ints = rows[:, 0] - least
-    span = base
-    for column in rows.T[1:]:
-        if span > np.iinfo(np.int64).max // base:
-            distinct, keys = np.unique(keys, return_inverse=True)
-            span = len(distinct)
-        keys = keys * base + (column - least)
-        span *= base
-    return keys
+def _fans(vertices: Floats, tiles: Ints) -> Ints:
+    """Return the triangles of planar cells (m, corners), fanned from the corner that turns least: a hollow one."""
+    corners = tiles.shape[1]
+    first = corner_turns(vertices, tiles).argmin(axis=1)
+    ring = np.take_along_axis(tiles, (first[:, None] + np.arange(corners)) % corners, axis=1)
+    return np.concatenate([ring[:, [0, i, i + 1]] for i in range(1, corners - 1)])
