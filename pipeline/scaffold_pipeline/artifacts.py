@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.cell_types import CELL_TYPES, cell_volumes
+from scaffold_pipeline.cell_types import CELL_TYPES, cell_measures, edges_of_cells, mesh_faults
 from scaffold_pipeline.errors import StageError
 
 Fact: TypeAlias = str | int | float | bool | list[str] | None
@@ -120,45 +120,32 @@ class OuterShape(SurfaceMesh):
         return {**super().summary(), "notes": "; ".join(self.notes)}
 
 
-@dataclass(frozen=True, eq=False)
-class VolumeMesh(Artifact):
-    """Cells of one or more kinds over shared vertices.
+class CellMesh(Artifact):
+    """Cells of one or more kinds over shared vertices: what a `VolumeMesh` and a `PlanarMesh` have in common.
 
-    `vertices` (n, 3) mm; one array of corner indices for each cell kind, in VTK's order: `tetrahedra` (m, 4),
-    `pyramids` (m, 5), `wedges` (m, 6), `hexahedra` (m, 8). Every cell has a positive volume and every vertex
-    belongs to a cell. `facts` are what the maker measured.
+    `vertices` (n, 3) mm; one array of corner indices for each cell kind, in VTK's order. Every cell has distinct
+    corners and a positive volume or area, every face one cell on each side at most, every vertex a cell. `facts` are
+    what the maker measured.
     """
 
+    IS_PLANAR: ClassVar[bool]
     vertices: Floats
-    tetrahedra: Ints = field(default_factory=lambda: np.empty((0, 4), np.int64))
-    pyramids: Ints = field(default_factory=lambda: np.empty((0, 5), np.int64))
-    wedges: Ints = field(default_factory=lambda: np.empty((0, 6), np.int64))
-    hexahedra: Ints = field(default_factory=lambda: np.empty((0, 8), np.int64))
-    facts: Mapping[str, Fact] = field(default_factory=dict)
+    facts: Mapping[str, Fact]
 
     def __post_init__(self) -> None:
+        owner = type(self).__name__
         self._own("vertices", np.float64, (None, 3))
-        used = np.zeros(len(self.vertices), dtype=bool)
         for name, kind in self._kinds().items():
             self._own(name, np.int64, (None, CELL_TYPES[kind].corners))
-            cells = getattr(self, name)
-            _require_indices("VolumeMesh", name, cells, len(self.vertices))
-            used[cells] = True
-            volumes = cell_volumes(self.vertices, cells, kind)
-            if (volumes <= 0.0).any():
-                raise StageError(
-                    f"VolumeMesh.{name}: every cell must have a positive volume, but {int((volumes <= 0.0).sum())} "
-                    f"of {len(cells)} do not (the first is cell {int(np.argmax(volumes <= 0.0))})"
-                )
-        if not used.any():
-            raise StageError("VolumeMesh: must have at least one cell, got none")
-        if not used.all():
-            raise StageError(f"VolumeMesh.vertices: every vertex must belong to a cell, {int((~used).sum())} do not")
+            _require_indices(owner, name, getattr(self, name), len(self.vertices))
+        for fault in mesh_faults(self.vertices, self.cells):
+            raise StageError(f"{owner}{fault}")
         super().__post_init__()
 
-    @staticmethod
-    def _kinds() -> dict[str, str]:
-        return {"tetrahedra": "tetrahedron", "pyramids": "pyramid", "wedges": "wedge", "hexahedra": "hexahedron"}
+    @classmethod
+    def _kinds(cls) -> dict[str, str]:
+        """Return the kind of cell that each field holds."""
+        return {kind.plural: kind.name for kind in CELL_TYPES.values() if kind.is_planar == cls.IS_PLANAR}
 
     @property
     def cells(self) -> dict[str, Ints]:
@@ -168,28 +155,67 @@ class VolumeMesh(Artifact):
     @property
     def edges(self) -> Ints:
         """Every edge once, (k, 2), smaller index first, sorted."""
-        ends = [cells[:, pair] for kind, cells in self.cells.items() for pair in CELL_TYPES[kind].edges]
-        return np.unique(np.sort(np.concatenate(ends), axis=1), axis=0)
+        return edges_of_cells(self.cells)
 
-    @property
-    def volume(self) -> float:
-        """Volume of all cells, mm^3."""
-        return sum(float(cell_volumes(self.vertices, cells, kind).sum()) for kind, cells in self.cells.items())
+    def _sum(self) -> float:
+        """Return the volume, mm^3, or area, mm^2, of all cells."""
+        return sum(float(cell_measures(self.vertices, cells, kind).sum()) for kind, cells in self.cells.items())
 
     def summary(self) -> dict[str, Fact]:
-        """Return counts, volume and the spread of edge lengths."""
+        """Return counts, volume or area, the spread of edge lengths and the facts."""
         ends = self.vertices[self.edges]
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         low, high = np.percentile(lengths, [5, 95])
         return {
             "vertices": len(self.vertices),
             "cells": sum(len(cells) for cells in self.cells.values()),
-            "volume_mm3": self.volume,
+            "area_mm2" if self.IS_PLANAR else "volume_mm3": self._sum(),
             "edge_length_mean": float(lengths.mean()),
             "edge_length_p5": float(low),
             "edge_length_p95": float(high),
             **self.facts,
         }
+
+
+@dataclass(frozen=True, eq=False)
+class VolumeMesh(CellMesh):
+    """A mesh of solid cells: `tetrahedra` (m, 4), `pyramids` (m, 5), `wedges` (m, 6) and `hexahedra` (m, 8)."""
+
+    IS_PLANAR = False
+
+    vertices: Floats
+    tetrahedra: Ints = field(default_factory=lambda: np.empty((0, 4), np.int64))
+    pyramids: Ints = field(default_factory=lambda: np.empty((0, 5), np.int64))
+    wedges: Ints = field(default_factory=lambda: np.empty((0, 6), np.int64))
+    hexahedra: Ints = field(default_factory=lambda: np.empty((0, 8), np.int64))
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+
+    @property
+    def volume(self) -> float:
+        """Volume of all cells, mm^3."""
+        return self._sum()
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarMesh(CellMesh):
+    """A mesh of tiles in a plane z = const, counter-clockwise from +z: `triangles` (m, 3), `quadrangles` (m, 4)."""
+
+    IS_PLANAR = True
+
+    vertices: Floats
+    triangles: Ints = field(default_factory=lambda: np.empty((0, 3), np.int64))
+    quadrangles: Ints = field(default_factory=lambda: np.empty((0, 4), np.int64))
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+
+    @property
+    def area(self) -> float:
+        """Area of all cells, mm^2."""
+        return self._sum()
+
+    @property
+    def z(self) -> float:
+        """Place of the plane, mm."""
+        return float(self.vertices[0, 2])
 
 
 @dataclass(frozen=True, eq=False)

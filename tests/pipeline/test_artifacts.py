@@ -8,6 +8,7 @@ from scaffold_pipeline.artifacts import (
     IsoSurface,
     Metrics,
     OuterShape,
+    PlanarMesh,
     ScalarField,
     Solid,
     SurfaceMesh,
@@ -113,11 +114,91 @@ def test_a_volume_mesh_tells_its_cells_edges_and_volume():
         (np.vstack([CORNERS, CORNERS[:1]]), [[0, 1, 2, 3]], "every vertex must belong to a cell, 1 do not"),
         (CORNERS, np.empty((0, 4), int), "must have at least one cell, got none"),
         (CORNERS, [[0, 1, 2, 4]], r"VolumeMesh.tetrahedra: indices must lie in 0..3, got 0..4"),
+        (np.empty((0, 3)), np.empty((0, 4), int), "must have at least one cell, got none"),
+        (CORNERS * [1.0, np.nan, 1.0], [[0, 1, 2, 3]], "VolumeMesh.vertices: must be finite, but 4 values are NaN"),
+        (CORNERS + np.array([np.inf, 0.0, 0.0]), [[0, 1, 2, 3]], "VolumeMesh.vertices: must be finite"),
+        (CORNERS * 1e150, [[0, 1, 2, 3]], "must have a positive volume, but 1 of 1 do not"),  # beyond float64
+        (CORNERS, [[0, 1, 2, 2]], r"every cell must have distinct corners, but 1 of 1 do not \(the first is cell 0\)"),
+        (CORNERS, [[0, 1, 2, 3], [1, 2, 0, 3]], "VolumeMesh: a face must have one cell on each side at most, but 4 "),
     ],
 )
 def test_a_volume_mesh_that_is_not_sound_is_refused(vertices: np.ndarray, tetrahedra: object, rule: str):
     with pytest.raises(StageError, match=rule):
         VolumeMesh(vertices, np.asarray(tetrahedra))
+
+
+def test_a_hexahedron_that_stands_for_a_wedge_is_refused():
+    base = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], float)
+    vertices = np.vstack([np.insert(base, 2, 0.0, axis=1), [[0, 0.5, 1], [1, 0.5, 1]]])
+    with pytest.raises(StageError, match=r"VolumeMesh.hexahedra: every cell must have distinct corners, but 1 of 1"):
+        VolumeMesh(vertices, hexahedra=np.array([[0, 1, 2, 3, 4, 5, 5, 4]]))
+    assert VolumeMesh(vertices, wedges=np.array([[0, 4, 3, 1, 5, 2]])).volume == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("place", [0.0, 1e6])
+@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
+def test_a_volume_mesh_is_sound_in_any_unit_and_far_away(scale: float, place: float):
+    mesh = VolumeMesh(scale * (CORNERS + place), np.array([[0, 1, 2, 3]]))
+    assert mesh.volume == pytest.approx(scale**3 / 6.0, rel=1e-6)
+    with pytest.raises(StageError, match="must have a positive volume, but 1 of 1 do not"):
+        VolumeMesh(scale * (CORNERS + place), np.array([[1, 0, 2, 3]]))
+
+
+def test_cells_of_separate_bodies_and_of_bodies_that_touch_make_one_mesh():
+    for place in (5.0, 1.0):  # the second has a vertex at the place of one of the first
+        vertices = np.vstack([CORNERS, CORNERS + np.array([place, 0.0, 0.0])])
+        mesh = VolumeMesh(vertices, np.array([[0, 1, 2, 3], [4, 5, 6, 7]]))
+        assert mesh.volume == pytest.approx(1.0 / 3.0)
+        assert mesh.summary()["vertices"] == 8
+
+
+def test_a_planar_mesh_tells_its_tiles_edges_area_and_plane():
+    places = np.array([[0, 0, 3], [2, 0, 3], [2, 2, 3], [0, 2, 3], [3, 1, 3]], float)
+    mesh = PlanarMesh(places, np.array([[1, 4, 2]]), np.array([[0, 1, 2, 3]]), facts={"maker": "hand"})
+    assert {kind: len(cells) for kind, cells in mesh.cells.items()} == {"triangle": 1, "quadrangle": 1}
+    assert mesh.edges.tolist() == [[0, 1], [0, 3], [1, 2], [1, 4], [2, 3], [2, 4]]
+    assert (mesh.area, mesh.z) == (5.0, 3.0)
+    summary = mesh.summary()
+    assert (summary["cells"], summary["area_mm2"], summary["maker"]) == (2, 5.0, "hand")
+    assert summary["edge_length_mean"] == pytest.approx((8.0 + 2.0 * np.sqrt(2.0)) / 6.0)
+
+
+SQUARE = np.array([[0, 0, 3], [1, 0, 3], [1, 1, 3], [0, 1, 3]], float)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "quadrangles", "rule"),
+    [
+        (
+            SQUARE,
+            [[0, 3, 2, 1]],
+            "PlanarMesh.quadrangles: every cell must have a positive area, its corners counter-cl",
+        ),
+        (SQUARE * [1.0, 0.0, 1.0], [[0, 1, 2, 3]], "must have a positive area"),
+        (SQUARE, [[0, 1, 2, 2]], "every cell must have distinct corners, but 1 of 1 do not"),
+        (
+            SQUARE * [[1], [1], [1], [0.5]],
+            [[0, 1, 2, 3]],
+            "PlanarMesh.vertices: must all have one z, but it runs from 1.5",
+        ),
+        (SQUARE[:, [2, 0, 1]], [[0, 1, 2, 3]], "must all have one z, but it runs from 0 to 1 mm"),
+        (np.vstack([SQUARE, [[5, 5, 3]]]), [[0, 1, 2, 3]], "every vertex must belong to a cell, 1 do not"),
+        (SQUARE, [[0, 1, 2, 3], [1, 2, 3, 0]], "a face must have one cell on each side at most, but 4 have more"),
+        (SQUARE, np.empty((0, 4), int), "PlanarMesh: must have at least one cell, got none"),
+        (SQUARE * [1.0, np.nan, 1.0], [[0, 1, 2, 3]], "PlanarMesh.vertices: must be finite"),
+    ],
+)
+def test_a_planar_mesh_that_is_not_sound_is_refused(vertices: np.ndarray, quadrangles: object, rule: str):
+    with pytest.raises(StageError, match=rule):
+        PlanarMesh(vertices, quadrangles=np.asarray(quadrangles))
+
+
+def test_a_quadrangle_may_be_hollow_but_not_crossed():
+    hollow = np.array([[0, 3, 0], [-2, -1, 0], [0, 0, 0], [2, -1, 0]], float)
+    assert PlanarMesh(hollow, quadrangles=np.array([[0, 1, 2, 3]])).area == pytest.approx(6.0)
+    crossed = np.array([[0, 0, 0], [4, 0, 0], [0, 3, 0], [1, 3, 0]], float)
+    with pytest.raises(StageError, match="every cell must have sides that do not cross, but 1 of 1 do not"):
+        PlanarMesh(crossed, quadrangles=np.array([[0, 1, 2, 3]]))
 
 
 def test_a_certificate_counts_what_is_thinner_than_two_voxels_and_names_the_voxels_that_would_do():
