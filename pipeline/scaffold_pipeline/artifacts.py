@@ -285,8 +285,8 @@ class ScalarField(Artifact):
     """A field on a regular grid: solid where it is above the iso-value, void elsewhere.
 
     `values` (nx, ny, nz) float32, value [i, j, k] at `origin + spacing * (i, j, k)` mm; `origin` (3,) mm;
-    `spacing` mm, the same along all axes. `facts` are what the maker measured. `point_values` (n,) is the field itself
-    at `points` (n, 3) mm that were asked for.
+    `spacing` mm, the same along all axes; one layer along z is a planar field or a section. `facts` are what the maker
+    measured. `point_values` (n,) is the field itself at `points` (n, 3) mm that were asked for.
     """
 
     values: NDArray[np.float32]
@@ -304,8 +304,10 @@ class ScalarField(Artifact):
         self._own("point_values", np.float64, (len(self.points),))
         if not 0.0 < self.spacing < np.inf:
             raise StageError(f"ScalarField.spacing: must be a positive length, got {self.spacing}")
-        if min(self.values.shape) < 2:  # noqa: PLR2004 - a cube of the grid has two samples along each axis
-            raise StageError(f"ScalarField.values: needs two samples along each axis, got {self.values.shape}")
+        if min(self.values.shape[:2]) < 2 or not self.values.size:  # noqa: PLR2004 - a square has two along each axis
+            raise StageError(
+                f"ScalarField.values: needs two samples along x and y, one along z, got {self.values.shape}"
+            )
         super().__post_init__()
 
     def summary(self) -> dict[str, Fact]:

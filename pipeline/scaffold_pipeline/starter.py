@@ -19,20 +19,23 @@ def examples() -> dict[str, Path]:
 
 
 def write_example(folder: Path, name: str) -> Path:
-    """Write the example `name` as `folder/config.yaml`, with the schema that editors read; return its path.
+    """Write the example `name` as `folder/config.yaml`, with its mesh and the schema for editors; return the path.
 
-    Raises `ConfigError` for an unknown example, and where either file is there already.
+    Raises `ConfigError` for an unknown example, and where one of the files is there already.
     """
     known = examples()
     if name not in known:
         raise ConfigError([Fault(0, 0, f"no example is called {name!r}{did_you_mean(name, known)}", "--example")])
     target, schema = folder / "config.yaml", folder / "schema.json"
     rule = "is there already; choose another folder, or remove it first"
-    there = [Fault(0, 0, rule, str(path)) for path in (target, schema) if path.exists()]
+    inputs = {path: folder / path.name for path in known[name].parent.glob(f"{name}.msh")}
+    there = [Fault(0, 0, rule, str(path)) for path in (target, schema, *inputs.values()) if path.exists()]
     if there:
         raise ConfigError(there)
     folder.mkdir(parents=True, exist_ok=True)
     schema.write_text(json.dumps(config_schema(), indent=2) + "\n", encoding="utf-8")
+    for source, copy in inputs.items():
+        copy.write_bytes(source.read_bytes())
     text = known[name].read_text(encoding="utf-8")
     body = text.split("\n", 1)[1] if text.startswith("# yaml-language-server") else text
     target.write_text(_SCHEMA_LINE + body, encoding="utf-8")

@@ -9,21 +9,20 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Certificate, Fact, Floats, Ints, OuterShape, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts import CellMesh, Certificate, Fact, Floats, Ints, OuterShape, ScalarField
 from scaffold_pipeline.contract import Follows, InputFile, Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.memory import available_memory
 from scaffold_stages._kernels.grids import Bools, grid_over, grown, samples_inside
+from scaffold_stages._kernels.point_files import read_points
 
 if TYPE_CHECKING:
     from scaffold_stages._kernels.certificate import FieldAt
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
 
 Basis = Literal["gaussian", "multiquadric", "inverse_multiquadric", "thin_plate_spline"]
 SampleCount = Annotated[int, Field(ge=2)]
+LayerCount = Annotated[int, Field(ge=1)]
 Distance = Literal["endpoint", "endpoint-to-segment", "exact"]
 
 MARGIN = 3
@@ -74,8 +74,8 @@ class GridParams(Params):
     spacing: Millimetres = Field(gt=0.0)
     """Distance between samples along each axis."""
 
-    shape: tuple[SampleCount, SampleCount, SampleCount]
-    """Number of samples along x, y and z."""
+    shape: tuple[SampleCount, SampleCount, LayerCount]
+    """Number of samples along x, y and z; one along z is a section, or the plane of a planar mesh."""
 
 
 class ArbfFieldParams(Params):
@@ -102,7 +102,7 @@ class ArbfFieldParams(Params):
     exponent: Literal[2, 4, 6, 8] | None = None
     """p of the kernel (r^2 + c^2)^(-p/2), `normalised` only; 4."""
 
-    support: Annotated[float | None, Unit("local edge lengths")] = Field(default=None, gt=0.0)
+    support: Annotated[float | None, Unit("local edge lengths")] = Field(default=None, gt=0.0, le=10.0)
     """Distance at which the kernel has fallen to zero, `normalised` only; 1.0."""
 
     basis: Basis | None = None
@@ -125,20 +125,30 @@ class ArbfFieldParams(Params):
                 raise ValueError(f"{name}: has no meaning with interpolation: {self.interpolation}; leave it out")
         if self.c is not None and self.basis == "thin_plate_spline":
             raise ValueError("c: has no meaning with basis: thin_plate_spline; leave it out")
+        least, most = (0.0, 1.0) if self.interpolation == "normalised" else (1e-9, 1e6)  # beyond, digits are lost
+        if self.c is not None and not least <= self.c <= most:
+            raise ValueError(
+                f"c: must be {least:g} to {most:g} with interpolation: {self.interpolation}, got {self.c:g}"
+            )
         return self
 
 
 @stage(writes="field", version=6)
-def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) -> ScalarField:
-    """Compute the ARBF field of a volume mesh on voxels over the outer shape, and certify its connectivity.
+def arbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: ArbfFieldParams) -> ScalarField:
+    """Compute the ARBF field of a mesh on voxels over the outer shape, and certify its connectivity.
 
-    Samples more than two voxels outside the outer shape are void (-1). Raises `StageError` where the grid or the exact
-    system needs more memory than there is, or the support is too small to reach every point.
+    Samples more than two voxels outside the outer shape are void (-1). A planar mesh can do without one; its samples
+    are one layer in its plane. Its channels end on its edges: no iso has all channels open and all struts whole.
+    Raises `StageError` where the grid or the exact system needs more memory than there is, or the support is too small
+    to reach every point.
     """
-    from scaffold_stages._kernels.skeleton import skeleton_of
+    from scaffold_stages._kernels.skeleton import skeleton_of, slab_around
 
-    points = np.empty((0, 3)) if params.points is None else _read_points(params.points)
-    origin, spacing, shape = _grid(outer.bounds, params)
+    points = np.empty((0, 3)) if params.points is None else read_points(params.points)
+    if outer is None and not mesh.IS_PLANAR:
+        raise StageError("outer: only a planar mesh can do without an outer shape; add a stage that writes `outer`")
+    outer = outer or OuterShape(*slab_around(mesh.vertices, mesh.cells))
+    origin, spacing, shape = _grid(outer.bounds, params, mesh)
     inside = samples_inside(outer.vertices, outer.faces, origin, spacing, shape)
     if not inside.any():
         raise StageError(f"voxel_size {spacing:g} mm: no sample lies inside the outer shape; use a smaller one")
@@ -155,39 +165,30 @@ def arbf_field(mesh: VolumeMesh, outer: OuterShape, *, params: ArbfFieldParams) 
     return ScalarField(values, origin, spacing, certificate, field.facts, points, field.at(points))
 
 
-def _grid(bounds: Floats, params: ArbfFieldParams) -> tuple[Floats, float, tuple[int, int, int]]:
-    """Return origin, spacing and shape of the grid: the one given, or the one that covers `bounds` (2, 3)."""
+def _grid(bounds: Floats, params: ArbfFieldParams, mesh: CellMesh) -> tuple[Floats, float, tuple[int, int, int]]:
+    """Return origin, spacing and shape of the grid: the one given, or the one that covers `bounds` (2, 3).
+
+    For a planar mesh it is one layer in its plane.
+    """
+    z = mesh.vertices[0, 2]
+    if mesh.IS_PLANAR:
+        bounds = np.insert(bounds[:, :2], 2, z, axis=1)
     if params.grid is None:
         spacing = params.voxel_size or 0.0
         _require_memory(bounds, spacing)
         origin, shape = grid_over(bounds, spacing, MARGIN)
-        return origin, spacing, shape
+        return (np.append(origin[:2], z), spacing, (*shape[:2], 1)) if mesh.IS_PLANAR else (origin, spacing, shape)
     grid = params.grid
+    if mesh.IS_PLANAR and (grid.shape[2] > 1 or abs(grid.origin[2] - z) > 1e-6 * grid.spacing):
+        raise StageError(
+            f"grid: a planar mesh has one layer of samples, in its plane at z = {z:g} mm, got {grid.shape[2]} from "
+            f"{grid.origin[2]:g} mm; end origin with {z:g} and shape with 1"
+        )
     last = np.array(grid.origin) + grid.spacing * (np.array(grid.shape) - 1)
     _require_memory(np.array([grid.origin, last]), grid.spacing)
     if (bounds[0] < grid.origin).any() or (bounds[1] > last).any():
         warnings.warn("grid: does not cover the outer shape; the solid ends where the grid does", PipelineWarning, 3)
     return np.array(grid.origin, float), grid.spacing, grid.shape
-
-
-def _read_points(path: Path) -> Floats:
-    """Read points (n, 3), mm, from comma-separated text with three columns, under a line of names or not."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-        is_named = not any(_is_number(cell) for cell in lines[0].split(",")) if lines else True
-        points = np.array([[float(cell) for cell in line.split(",")] for line in lines[is_named:] if line.strip()])
-    except ValueError as error:
-        raise StageError(f"points: {path.name} is not comma-separated numbers: {error}") from error
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():  # noqa: PLR2004 - x, y, z
-        raise StageError(f"points: {path.name} must hold rows of finite x, y, z in mm, got shape {points.shape}")
-    return points
-
-
-def _is_number(text: str) -> bool:
-    with suppress(ValueError):
-        float(text)
-        return True
-    return False
 
 
 def _require_memory(bounds: Floats, spacing: float) -> None:
@@ -337,8 +338,7 @@ def _exact(skeleton: Skeleton, params: ArbfFieldParams) -> _Field:
 
     def on_voxels(voxels: _Voxels) -> NDArray[np.float32]:
         values = np.full(voxels.inside.shape, -1.0, np.float32)
-        lengths = [voxels.spacing * np.arange(count) for count in values.shape]
-        x, y, z = (first + length for first, length in zip(voxels.origin, lengths, strict=True))
+        x, y, z = (voxels.origin[axis] + voxels.spacing * np.arange(values.shape[axis]) for axis in range(3))
         interpolant.evaluate_on_grid((x, y, z), voxels.near, elements, solution.weights, basis, c, values)
         return values
 
@@ -373,8 +373,10 @@ def _warn_of_health(solution: Solution, greatest: float) -> None:
     between whose channels s reaches 3.8 and 13.
     """
     if not solution.is_full_rank:
+        is_met = not round(solution.residual, 6)  # rounding leaves 1e-12, a missing interpolant some 0.1
+        what = "several interpolants exist, as elements coincide" if is_met else "no interpolant exists"
         warnings.warn(
-            f"exact: no interpolant exists (rank {solution.rank} of {solution.unknowns}); this is the least-squares "
+            f"exact: {what} (rank {solution.rank} of {solution.unknowns}); this is the least-squares "
             f"field of least norm, off by up to {solution.residual:.2g} on the elements",
             PipelineWarning,
             stacklevel=2,

@@ -58,6 +58,8 @@ def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParam
     Raises `StageError` where there is no surface at the iso, or the skin leaves no room for the porosity. Where no iso
     gives the porosity the nearest is taken, with a warning.
     """
+    if field.values.shape[2] == 1:
+        raise StageError("the field is one layer of samples, which bounds no solid; give its grid more along z")
     inside = samples_inside(outer.vertices, outer.faces, field.origin, field.spacing, field.values.shape)
     samples = np.sort(field.values[inside])
     if not len(samples) or samples[0] == samples[-1]:

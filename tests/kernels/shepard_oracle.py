@@ -131,7 +131,7 @@ def mixed() -> Mesh:
     cells = {
         "tetrahedron": [(9, 1, 2, 11)],
         "pyramid": [(4, 5, 6, 7, 8)],
-        "wedge": [(1, 2, 9, 5, 6, 10)],
+        "wedge": [(1, 9, 2, 5, 10, 6)],
         "hexahedron": [tuple(range(8))],
     }
     return Mesh(vertices, {kind: np.array(corners) for kind, corners in cells.items()})

@@ -26,7 +26,7 @@ FOUR_KINDS = Mesh(
         "hexahedron": np.arange(8)[None],
         "tetrahedron": np.array([[5, 6, 8, 11]]),
         "pyramid": np.array([[4, 5, 6, 7, 8]]),
-        "wedge": np.array([[1, 9, 5, 2, 10, 6]]),
+        "wedge": np.array([[1, 5, 9, 2, 6, 10]]),
     },
 )
 """A cube, a pyramid on top, a wedge beside it and a tetrahedron at the pyramid: each shares one face with another."""

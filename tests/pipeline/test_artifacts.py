@@ -132,7 +132,7 @@ def test_a_hexahedron_that_stands_for_a_wedge_is_refused():
     vertices = np.vstack([np.insert(base, 2, 0.0, axis=1), [[0, 0.5, 1], [1, 0.5, 1]]])
     with pytest.raises(StageError, match=r"VolumeMesh.hexahedra: every cell must have distinct corners, but 1 of 1"):
         VolumeMesh(vertices, hexahedra=np.array([[0, 1, 2, 3, 4, 5, 5, 4]]))
-    assert VolumeMesh(vertices, wedges=np.array([[0, 4, 3, 1, 5, 2]])).volume == pytest.approx(0.5)
+    assert VolumeMesh(vertices, wedges=np.array([[0, 3, 4, 1, 2, 5]])).volume == pytest.approx(0.5)
 
 
 @pytest.mark.parametrize("place", [0.0, 1e6])
@@ -238,9 +238,11 @@ def test_a_field_needs_a_positive_spacing(spacing: float):
         ScalarField(np.zeros((2, 2, 2)), np.zeros(3), spacing)
 
 
-def test_a_field_needs_two_samples_along_each_axis():
-    with pytest.raises(StageError, match=r"needs two samples along each axis, got \(2, 1, 2\)"):
-        ScalarField(np.zeros((2, 1, 2)), np.zeros(3), 1.0)
+@pytest.mark.parametrize("shape", [(2, 1, 2), (1, 2, 2), (2, 2, 0)])
+def test_a_field_needs_two_samples_along_x_and_y_and_one_along_z(shape: tuple[int, int, int]):
+    assert ScalarField(np.zeros((2, 2, 1)), np.zeros(3), 1.0).summary()["grid"] == "2 x 2 x 1"
+    with pytest.raises(StageError, match=rf"needs two samples along x and y, one along z, got \({shape[0]}, "):
+        ScalarField(np.zeros(shape), np.zeros(3), 1.0)
 
 
 def test_summaries_tell_what_was_asked_and_done():

@@ -29,6 +29,13 @@ def test_each_example_can_be_started_from(project: Project, name: str):
     assert answer.code == 0 or all("no such file" in line for line in lines), lines
 
 
+def test_an_example_brings_the_mesh_that_it_reads(project: Project):
+    assert project.command("new", "mine", "--example", "volume_mesh").code == 0
+    assert project.command("validate", "mine/config.yaml").code == 0
+    mesh = starter.examples()["volume_mesh"].with_suffix(".msh")
+    assert Path("mine/volume_mesh.msh").read_bytes() == mesh.read_bytes()
+
+
 def test_an_unknown_example_suggests_the_nearest_and_writes_nothing(project: Project):
     answer = project.command("new", "mine", "--example", "minimum")
     assert answer.code == 2

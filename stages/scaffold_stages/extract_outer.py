@@ -1,0 +1,112 @@
+"""`extract_outer`: the boundary of a volume mesh as the outer shape."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Literal
+
+import numpy as np
+
+from scaffold_pipeline.artifacts import Floats, Ints, OuterShape, VolumeMesh
+from scaffold_pipeline.contract import Params, stage
+from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.isolation import call_in_child
+from scaffold_stages._kernels import triangles
+from scaffold_stages._volumes import cells, touching
+from scaffold_stages._volumes.boundary import boundary_triangles
+
+_REPAIR = "mend the mesh where it was made, or load its surface with load_surface and use tetrahedralise"
+_BENT = 1e-6
+"""Share of the volume that bent quadrangles, cut into triangles, may change without a word."""
+
+
+class ExtractOuterParams(Params):
+    """Parameters of `extract_outer`."""
+
+    touching: Literal["part", "refuse"] = "part"
+    """What to do where the boundary touches itself at a vertex or an edge: move its sheets apart, or stop."""
+
+
+@stage(writes="outer", version=1)
+def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
+    """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
+
+    Where it touches itself, it is parted by a hundredth of an edge, or no file of it would be manifold. Raises
+    `StageError` for cells that do not meet face to face and a boundary that passes through itself.
+    """
+    faces = cells.faces(mesh.cells)
+    if len(faces.clashing) or len(faces.crowded):
+        raise StageError(
+            f"mesh: cells do not match at {len(faces.clashing) + len(faces.crowded)} of the faces that they share; "
+            f"{_REPAIR}"
+        )
+    surface, owners = boundary_triangles(mesh.vertices, faces)
+    _require_apart(mesh, surface, owners)
+    notes = [f"boundary of {cells.count(mesh.cells)} cells, {len(faces.quadrangles)} of its faces quadrangles"]
+    vertices, surface = triangles.drop_unreferenced(mesh.vertices, surface)
+    vertices, surface = _parted(vertices, surface, params, notes)
+    _require_no_self_intersection(vertices, surface)
+    outer = OuterShape(vertices, surface)
+    bent = outer.volume / mesh.volume - 1.0
+    if abs(bent) > _BENT and len(faces.quadrangles):
+        notes.append(f"cutting bent quadrangles changed the volume by {bent:.2g} of itself")
+    return OuterShape(outer.vertices, outer.faces, tuple(notes))
+
+
+def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
+    """Require that no body lies within another: about a cell of each, the boundary winds once."""
+    vertices, pieces = mesh.vertices, triangles.face_pieces(surface)
+    bodies = np.flatnonzero(triangles.piece_volumes(vertices, surface, pieces) > 0.0)
+    if len(bodies) == 1:
+        return
+    first = np.unique(pieces, return_index=True)[1]
+    centres = np.concatenate([vertices[corners].mean(axis=1) for corners in mesh.cells.values()])
+    for body in bodies:
+        centre = centres[owners[first[body]]]
+        winding = triangles.winding_number(centre, vertices, surface)
+        if round(winding) != 1:
+            raise StageError(
+                f"mesh: {round(winding)} bodies lie upon each other at {centre[0]:.4g}, {centre[1]:.4g}, "
+                f"{centre[2]:.4g} mm; set load_volume_mesh.component to largest, or {_REPAIR}"
+            )
+
+
+def _parted(vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: list[str]) -> tuple[Floats, Ints]:
+    """Move the surface apart where it touches itself."""
+    faults, at_vertices = triangles.edge_faults(surface), triangles.touching_vertices(surface)
+    if not faults.non_manifold and not at_vertices:
+        return vertices, surface
+    if params.touching == "refuse":
+        raise StageError(
+            f"mesh: its boundary touches itself at {at_vertices} vertices and {faults.non_manifold} edges; set "
+            f"`touching: part` to move it apart there, or {_REPAIR}"
+        )
+    try:
+        parted = touching.parted(vertices, surface)
+    except StageError as error:
+        raise StageError(f"mesh: {error}; {_REPAIR}") from error
+    said = (
+        f"parted at {parted.touching_vertices} vertices and {parted.touching_edges} edges where the boundary touches "
+        f"itself, by at most {parted.farthest:.2g} mm"
+    )
+    notes.append(said)
+    warnings.warn(f"the outer shape is {said}", PipelineWarning, stacklevel=3)
+    return parted.vertices, parted.faces
+
+
+def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
+    # Seconds are enough for millions of triangles; on some tangles the search never ends.
+    seconds = 60.0 + len(surface) / 20_000
+    found = call_in_child(
+        triangles.self_intersections,
+        {"vertices": vertices, "faces": surface},
+        {},
+        seconds=seconds,
+        about=f"the mesh's boundary could not be searched for self-intersections: {_REPAIR}",
+    )["faces"]
+    if len(found):
+        at = vertices[surface[found[0]]].mean(axis=0)
+        raise StageError(
+            f"mesh: its boundary passes through itself: {len(found)} triangles intersect others "
+            f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {_REPAIR}"
+        )

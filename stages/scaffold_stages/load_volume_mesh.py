@@ -1,0 +1,226 @@
+"""`load_volume_mesh`: cells from a file, and nothing that is not a sound mesh of a body."""
+
+from __future__ import annotations
+
+import warnings
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from scaffold_pipeline.artifacts import Fact, Floats, VolumeMesh
+from scaffold_pipeline.cell_types import CELL_TYPES
+from scaffold_pipeline.contract import InputFile, Params, Unit, stage
+from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_stages._kernels.surface_files import MILLIMETRES
+from scaffold_stages._volumes import boundary, cells
+from scaffold_stages._volumes.cells import Cells, Faces, Mask
+from scaffold_stages._volumes.reading import VolumeFile, read_volume
+
+_REPAIR = "mend the mesh where it was made, or load its surface and use tetrahedralise"
+_SMALLEST, _LARGEST = 1.0, 2000.0
+"""mm: between a bone of the ear and a whole body; what is outside has most likely the wrong unit."""
+_FARTHEST = 1e9
+"""mm: a thousand kilometres; what is farther is damage."""
+_WORTH_A_WARNING = 0.1
+"""A dropped piece of this share of the volume kept is hardly debris."""
+_SAME_PLACE = 1e-6
+"""Share of the diagonal within which two vertices were meant to be one: single precision has 1e-7."""
+_AGREEMENT = 1e-6
+"""Share of the volume within which cells and boundary must agree; sound meshes do to 1e-13."""
+
+
+class LoadVolumeMeshParams(Params):
+    """Parameters of `load_volume_mesh`."""
+
+    path: InputFile
+    """The volume mesh: VTU, legacy VTK, Gmsh MSH 1, 2 or 4, MEDIT (.mesh) or Abaqus (.inp)."""
+
+    units: Literal["mm", "cm", "m", "inch"] | None = None
+    """What a length of 1 in the file means; required, as none of these formats says it."""
+
+    component: Literal["largest", "all"] = Field(default="largest")
+    """Which of the mesh's separate pieces to keep; cells belong together where they share a face."""
+
+    merge: Annotated[float | None, Unit("mm")] = Field(default=None, ge=0.0)
+    """Distance up to which vertices become one, to close cracks between cells; left out, cracks are only told of."""
+
+
+@stage(writes="mesh", version=1)
+def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
+    """Read tetrahedra, hexahedra, wedges and pyramids in mm, turn inverted cells, and refuse what is no sound mesh.
+
+    Cells of higher order are reduced to their corners; repeated and flat cells go, by number in the notes. A
+    `StageError` tells of an unreadable file, an unknown unit, cells of other kinds, and of cells that overlap or do not
+    meet face to face. `extract_outer` makes the outer shape of it.
+    """
+    name = params.path.name
+    content = read_volume(params.path)
+    scale, unit_note = _scale_to_mm(content, params.units, name)
+    notes = [*content.notes, unit_note]
+    vertices, kept = _used(content.vertices * scale, content.cells, notes)
+    _require_sound_places(vertices, name)
+    vertices, kept = _merged(vertices, kept, params.merge, notes)
+    kept, turned = _cleaned(vertices, kept, name, notes)
+    faces = cells.faces(kept)
+    _require_faces_match(vertices, kept, faces, name)
+    _tell_of_cracks(vertices, faces, name, notes)
+    kept = _chosen(vertices, kept, faces, params, notes)
+    vertices, kept = cells.without_unused(vertices, kept)
+    _require_agreement(vertices, kept, name)
+    folded = cells.folded(vertices, kept)
+    _warn_of_odd_mesh(vertices, folded, cells.count(kept), name)
+    by_name = {CELL_TYPES[kind].plural: corners for kind, corners in kept.items()}
+    facts: dict[str, Fact] = {
+        **{plural: len(corners) for plural, corners in by_name.items()},
+        "cells_turned": turned,
+        "cells_folded": folded,
+        "notes": "; ".join(notes),
+    }
+    return VolumeMesh(vertices, facts=facts, **by_name)
+
+
+def _scale_to_mm(content: VolumeFile, units: str | None, name: str) -> tuple[float, str]:
+    """Return the mm of one file unit, and a note of it."""
+    corners = np.concatenate([np.unique(of_kind) for of_kind in content.cells.values()])
+    size = " x ".join(f"{length:.4g}" for length in np.ptp(content.vertices[corners], axis=0))
+    if units is None:
+        raise StageError(
+            f"{name}: the file does not say its unit; set `units` to mm, cm, m or inch "
+            f"(the mesh measures {size} in the file)"
+        )
+    return MILLIMETRES[units], f"unit {units} (given), size {size} {units}"
+
+
+def _note(notes: list[str], number: int, said: str) -> None:
+    if number:
+        notes.append(said.format(number))
+
+
+def _used(vertices: Floats, given: Cells, notes: list[str]) -> tuple[Floats, Cells]:
+    """Drop the vertices that no cell has as a corner."""
+    used, kept = cells.without_unused(vertices, given)
+    _note(notes, len(vertices) - len(used), "dropped {} points that are no corner of a cell")
+    return used, kept
+
+
+def _require_sound_places(vertices: Floats, name: str) -> None:
+    bad = int((~np.isfinite(vertices)).any(axis=1).sum())
+    if bad:
+        raise StageError(f"{name}: {bad} of {len(vertices)} vertices are NaN or infinite; {_REPAIR}")
+    farthest = float(np.abs(vertices).max())
+    if farthest > _FARTHEST:
+        raise StageError(f"{name}: a vertex lies {farthest:.3g} mm from the origin; check `units`, or {_REPAIR}")
+
+
+def _merged(vertices: Floats, given: Cells, distance: float | None, notes: list[str]) -> tuple[Floats, Cells]:
+    if distance is None:
+        return vertices, given
+    joined, kept = cells.without_unused(vertices, cells.merged(vertices, given, distance))
+    _note(notes, len(vertices) - len(joined), f"merged {{}} vertices within {distance:g} mm of another")
+    return joined, kept
+
+
+def _cleaned(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tuple[Cells, int]:
+    """Drop repeated and flat cells and turn inverted ones; return the cells and how many were turned."""
+    collapsed = int(cells.collapsed(given).sum())
+    if collapsed:
+        raise StageError(
+            f"{name}: {collapsed} of {cells.count(given)} cells use a vertex twice (hexahedra that stand for wedges, "
+            "or a `merge` wider than a cell); write them as the cells that they are, or lower merge"
+        )
+    kept = _without(given, cells.repeated(given), "dropped {} cells with the corners of another", notes)
+    kept = _without(kept, cells.flat(vertices, kept), "dropped {} cells without volume", notes)
+    if not kept:
+        raise StageError(f"{name}: no cell has a volume; is the mesh flat? {_REPAIR} [{'; '.join(notes)}]")
+    kept, turned = cells.turned(vertices, kept)
+    _note(notes, turned, "turned {} cells of negative volume")
+    return kept, turned
+
+
+def _without(given: Cells, bad: Mask, said: str, notes: list[str]) -> Cells:
+    _note(notes, int(bad.sum()), said)
+    return cells.chosen(given, ~bad)
+
+
+def _require_faces_match(vertices: Floats, kept: Cells, faces: Faces, name: str) -> None:
+    """Refuse cells that lie on the same side of the face they share, or more than two at one face: they overlap."""
+    bad = np.unique(np.concatenate([faces.clashing.ravel(), faces.crowded]))
+    if len(bad):
+        only = np.zeros(cells.count(kept), dtype=bool)
+        only[bad[0]] = True
+        (corners,) = cells.chosen(kept, only).values()
+        at = vertices[corners[0]].mean(axis=0)
+        raise StageError(
+            f"{name}: cells overlap: {len(faces.clashing)} pairs lie on the same side of the face that they share (one "
+            f"of them is inside out) and {len(faces.crowded)} cells are at a face of more than two; one of these "
+            f"{len(bad)} cells is at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm; {_REPAIR}"
+        )
+
+
+def _tell_of_cracks(vertices: Floats, faces: Faces, name: str, notes: list[str]) -> None:
+    """Warn of vertices of the boundary at the place of another: cells that touch there, but do not hang together."""
+    on_boundary = vertices[np.unique(np.concatenate([faces.triangles.ravel(), faces.quadrangles.ravel()]))]
+    distance = _SAME_PLACE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    double = cells.coincident(on_boundary, distance)
+    if double:
+        said = f"{double} vertices of the boundary lie within {distance:.2g} mm of another"
+        notes.append(said)
+        warnings.warn(
+            f"{name}: {said}: cells do not hang together there; set `merge: {distance:.2g}` to join them",
+            PipelineWarning,
+            stacklevel=3,
+        )
+
+
+def _chosen(vertices: Floats, given: Cells, faces: Faces, params: LoadVolumeMeshParams, notes: list[str]) -> Cells:
+    """Keep the largest piece, unless all are asked for."""
+    pieces = cells.pieces(faces.neighbours, cells.count(given))
+    volumes = np.bincount(pieces, weights=cells.volumes(vertices, given))
+    if params.component == "all" or len(volumes) == 1:
+        _note(notes, len(volumes) if len(volumes) > 1 else 0, "kept all of {} pieces")
+        return given
+    order = np.argsort(-volumes, kind="stable")
+    largest, next_one = volumes[order[:2]]
+    kept = pieces == order[0]
+    notes.append(
+        f"kept the largest of {len(volumes)} pieces ({largest:.6g} mm^3) and dropped {len(volumes) - 1} "
+        f"({int((~kept).sum())} cells, the greatest {next_one:.6g} mm^3)"
+    )
+    if next_one > _WORTH_A_WARNING * largest:
+        warnings.warn(
+            f"{params.path.name}: dropped a piece of {next_one:.6g} mm^3 beside the largest of {largest:.6g} mm^3 "
+            "(cells hang together where they share a face); set `component: all` to keep every piece",
+            PipelineWarning,
+            stacklevel=3,
+        )
+    return cells.chosen(given, kept)
+
+
+def _require_agreement(vertices: Floats, kept: Cells, name: str) -> None:
+    """Require that the boundary encloses what the cells fill."""
+    filled = float(cells.volumes(vertices, kept).sum())
+    enclosed = boundary.enclosed_volume(vertices, cells.faces(kept))
+    if abs(enclosed - filled) > _AGREEMENT * filled:
+        raise StageError(
+            f"{name}: the cells fill {filled:.8g} mm^3, but their boundary encloses {enclosed:.8g} mm^3: cells overlap "
+            f"or do not meet face to face; {_REPAIR}"
+        )
+
+
+def _warn_of_odd_mesh(vertices: Floats, folded: int, number: int, name: str) -> None:
+    longest = float(np.ptp(vertices, axis=0).max())
+    if not _SMALLEST < longest <= _LARGEST:
+        warnings.warn(
+            f"{name}: its longest side is {longest:.4g} mm, not between {_SMALLEST:g} and {_LARGEST:g} mm: "
+            "is `units` right?",
+            PipelineWarning,
+            stacklevel=3,
+        )
+    if folded:
+        warnings.warn(
+            f"{name}: {folded} of {number} cells are folded: a part of each cannot be seen from its centre, and "
+            "channels may leave it there",
+            PipelineWarning,
+            stacklevel=3,
+        )
