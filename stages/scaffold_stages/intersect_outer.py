@@ -22,7 +22,7 @@ class IntersectOuterParams(Params):
     """Whether all closed pores are filled, however large."""
 
 
-@stage(writes="solid", version=3)
+@stage(writes="solid", version=4)
 def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectOuterParams) -> Solid:
     """Cut the porous surface to the outer shape, with a solid skin where asked for, and keep the one main piece.
 
@@ -30,6 +30,7 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
     not a closed manifold, the skin leaves no pore, or nothing remains.
     """
     from scaffold_stages._kernels import solids
+    from scaffold_stages._kernels.rounding import in_single_precision
 
     _require_counted(porous, params.skin)
     shape = solids.to_body(outer.vertices, outer.faces, "outer shape")
@@ -42,7 +43,9 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
     kept = solids.main_piece(shells, smallest_kept * (shape.volume() - solid.volume()))
     pores = solids.pore_volumes(solids.shells_of(void), kept, shape.volume())
     surface = outer.vertices, outer.faces
+    rounded = in_single_precision(*shells.mesh_of(kept.is_kept), "clipped solid")
     facts: dict[str, Fact] = {
+        "rounding_distance_mm": rounded.moved,
         "clip_distance_mm": solids.distance_from(shape, solid, kept.is_kept[shells.numbers], surface),
         "pieces_removed": len(kept.floating),
         "volume_removed_mm3": float(kept.floating.sum() - kept.foreign.sum()),
@@ -50,8 +53,7 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
         "closed_pores_filled": len(kept.filled),
         "closed_pore_volume_filled_mm3": float(kept.filled.sum()),
     }
-    vertices, faces = solids.in_single_precision(*shells.mesh_of(kept.is_kept), "clipped solid")
-    return Solid(vertices, faces, pores, facts)
+    return Solid(rounded.vertices, rounded.faces, pores, facts)
 
 
 def _require_counted(porous: IsoSurface, skin: float) -> None:

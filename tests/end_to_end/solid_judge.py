@@ -17,6 +17,8 @@ TOLERANCE = 0.005
 def faults_of(path: Path, outer_volume: float, porosity: float) -> list[str]:
     """Return what keeps the solid in `path` from being printable at its porosity."""
     mesh = trimesh.load_mesh(path, process=True)
+    if path.suffix == ".glb":
+        mesh.apply_scale(1000.0)  # trimesh applies the scene's matrix, to metres
     mesh.merge_vertices()
     faults = []
     if not (mesh.is_watertight and mesh.is_winding_consistent):

@@ -8,6 +8,7 @@ import pytest
 from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels import solids
 from scaffold_stages._kernels.contours import iso_surface
+from scaffold_stages._kernels.rounding import in_single_precision
 from shapes import ball, box, gyroid, inverted, outer_of, require_closed, together, volume_of
 
 OUTER = outer_of(box((0.0, 0.0, 0.0), (6.0, 8.0, 10.0)))
@@ -153,7 +154,7 @@ def test_in_single_precision_no_vertices_fall_together(offset: float):
     is_hard = len(np.unique(rounded, axis=0)) < len(rounded)
     assert is_hard == (offset > 5_000.0)  # where plain rounding pinches the mesh
 
-    single, faces = solids.in_single_precision(vertices, faces, "solid")
+    single, faces = in_single_precision(vertices, faces, "solid")[:2]
     assert (single == single.astype(np.float32)).all()
     assert len(np.unique(single, axis=0)) == len(single)
     require_closed(single, faces)
@@ -163,7 +164,7 @@ def test_in_single_precision_no_vertices_fall_together(offset: float):
 def test_a_solid_too_small_for_its_place_is_refused():
     far = body(cube(1e-3, (0, 0, 0))).translate((1e6, 1e6, 1e6))
     with pytest.raises(StageError, match=r"^speck: "):
-        solids.in_single_precision(*solids.from_body(far), "speck")
+        in_single_precision(*solids.from_body(far), "speck")
 
 
 def test_simplification_takes_coplanar_triangles_out_and_keeps_the_shape():

@@ -1,22 +1,24 @@
 from __future__ import annotations
 
 import hashlib
-import zipfile
+import signal
+import subprocess
+import sys
 from itertools import product
 from pathlib import Path
 
-import lib3mf
 import numpy as np
 import pytest
-import trimesh
 from pydantic import ValidationError
 
 from scaffold_pipeline.artifacts import Solid
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_stages import write_solid as module
+from scaffold_stages._solid_files.formats import FORMATS, FileFormat
 from scaffold_stages.write_solid import WriteSolidParams, write_solid
 
+ALL = ("stl", "3mf", "obj", "ply", "glb")
 HASH = "0123456789abcdef" * 4
 CUBE = np.array(list(product((0.0, 1.0), repeat=3)))
 CUBE_FACES = np.array(
@@ -48,12 +50,6 @@ def write_bad(solid: Solid, out: Path, message: str, **parameters: object) -> No
     assert list(out.iterdir()) == []
 
 
-def read_model(path: Path) -> object:
-    model = lib3mf.get_wrapper().CreateModel()
-    model.QueryReader("3mf").ReadFromFile(str(path))
-    return model
-
-
 def test_the_stage_keeps_the_contract():
     stage = stage_from_function("write_solid", write_solid)
 
@@ -62,15 +58,22 @@ def test_the_stage_keeps_the_contract():
 
 
 def test_facts_are_those_of_the_files(tmp_path: Path):
-    facts = write_solid(ONE, params=quiet(), out=tmp_path).facts
+    facts = write_solid(ONE, params=quiet(formats=ALL), out=tmp_path).facts
 
-    for kind in ("stl", "3mf"):
+    for kind in ALL:
         content = (tmp_path / f"solid.{kind}").read_bytes()
         assert facts[f"{kind}_bytes"] == len(content)
         assert facts[f"{kind}_sha256"] == hashlib.sha256(content).hexdigest()
         assert facts[f"{kind}_triangles"] == 12
         assert facts[f"{kind}_volume_mm3"] == pytest.approx(8.0)
     assert facts["preview"] == "not asked for"
+
+
+def test_facts_name_the_readers_of_each_file(tmp_path: Path):
+    facts = write_solid(ONE, params=quiet(formats=ALL), out=tmp_path).facts
+
+    assert facts["3mf_read_by"] == "lib3mf, expat, manifold3d"
+    assert {facts[f"{kind}_read_by"] for kind in ALL if kind != "3mf"} == {"trimesh, VTK, manifold3d"}
 
 
 def test_only_the_formats_asked_for_are_written(tmp_path: Path):
@@ -84,51 +87,10 @@ def test_bytes_are_the_same_each_time(tmp_path: Path):
     folders = [tmp_path / "a", tmp_path / "b"]
     for folder in folders:
         folder.mkdir()
-        write_solid(ONE, params=quiet(), out=folder, config_hash=HASH)
+        write_solid(ONE, params=quiet(formats=ALL), out=folder, config_hash=HASH)
 
-    for name in ("solid.stl", "solid.3mf"):
-        assert len({(folder / name).read_bytes() for folder in folders}) == 1
-
-
-def test_the_stl_names_project_and_unit(tmp_path: Path):
-    write_solid(ONE, params=quiet(formats=("stl",)), out=tmp_path)
-    header = (tmp_path / "solid.stl").read_bytes()[:80]
-
-    assert header.startswith(b"scaffold-pipeline")
-    assert b"mm" in header
-
-
-def test_3mf_unit_and_metadata_are_read_back(tmp_path: Path):
-    write_solid(ONE, params=quiet(name="Fersenbein <2> & Knöchel"), out=tmp_path, config_hash=HASH)
-    model = read_model(tmp_path / "solid.3mf")
-    group = model.GetMetaDataGroup()
-
-    assert model.GetUnit() == lib3mf.ModelUnit.MilliMeter
-    assert group.GetMetaDataByKey("", "Title").GetValue() == "Fersenbein <2> & Knöchel"
-    assert group.GetMetaDataByKey("", "Application").GetValue().startswith("scaffold-pipeline ")
-    assert group.GetMetaDataByKey("urn:scaffold-pipeline", "config_sha256").GetValue() == HASH
-
-
-def test_without_a_hash_the_3mf_names_none(tmp_path: Path):
-    write_solid(ONE, params=quiet(), out=tmp_path)
-
-    assert read_model(tmp_path / "solid.3mf").GetMetaDataGroup().GetMetaDataCount() == 2
-
-
-def test_3mf_keeps_every_float32_to_the_bit(tmp_path: Path):
-    ball = trimesh.creation.icosphere(3)
-    vertices = (np.asarray(ball.vertices) * [1e-3, 30.0, 700.0] + [0.0, 100.0, -1000.0]).astype(np.float32)
-    write_solid(Solid(vertices, np.asarray(ball.faces)), params=quiet(), out=tmp_path)
-    mesh = trimesh.load_mesh(tmp_path / "solid.3mf", process=False)
-
-    assert np.array_equal(np.asarray(mesh.vertices).astype(np.float32), vertices)
-    assert np.array_equal(mesh.faces, ball.faces)
-
-
-def test_the_3mf_package_holds_what_the_standard_asks_for(tmp_path: Path):
-    write_solid(ONE, params=quiet(), out=tmp_path)
-    with zipfile.ZipFile(tmp_path / "solid.3mf") as package:
-        assert package.namelist() == ["[Content_Types].xml", "_rels/.rels", "3D/3dmodel.model"]
+    for kind in ALL:
+        assert len({(folder / f"solid.{kind}").read_bytes() for folder in folders}) == 1
 
 
 def test_a_closed_pore_is_accepted(tmp_path: Path):
@@ -137,9 +99,9 @@ def test_a_closed_pore_is_accepted(tmp_path: Path):
     assert write_solid(hollow, params=quiet(), out=tmp_path).facts["stl_volume_mm3"] == pytest.approx(63.0)
 
 
-@pytest.mark.parametrize("kind", ["stl", "3mf"])
+@pytest.mark.parametrize("kind", ALL)
 def test_an_open_solid_is_refused_and_leaves_no_file(tmp_path: Path, kind: str):
-    message = "must be closed, but 3 edges have one triangle only" if kind == "stl" else "lib3mf says it is not"
+    message = "must be closed, but 3 edges have one triangle only" if kind != "3mf" else "lib3mf says it is not"
 
     write_bad(Solid(ONE.vertices, ONE.faces[1:]), tmp_path, rf"^solid\.{kind}: .*{message}", formats=(kind,))
 
@@ -154,7 +116,7 @@ def test_a_solid_with_a_flipped_triangle_is_refused(tmp_path: Path):
 def test_a_piece_that_is_inside_out_is_refused(tmp_path: Path):
     stray = cubes((4.0, (0.0, 0.0, 0.0), True), (1.0, (6.0, 0.0, 0.0), False))
 
-    write_bad(stray, tmp_path, "must be outward, but 1 of 2 pieces are inside out")
+    write_bad(stray, tmp_path, "must be outward, but 1 of 2 shells are inside out")
 
 
 @pytest.mark.filterwarnings("ignore::scaffold_pipeline.errors.PipelineWarning")
@@ -182,50 +144,14 @@ def test_rounding_that_does_no_harm_is_a_warning(tmp_path: Path):
         write_solid(Solid(ONE.vertices * [0.1, 1.0, 1.0], ONE.faces), params=quiet(), out=tmp_path)
 
 
-def test_a_file_of_another_volume_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    def write_larger(path: Path, vertices: np.ndarray, faces: np.ndarray, metadata: dict[str, str]) -> None:
-        module._write_stl(path, vertices * np.float32(1.001), faces, metadata)
-
-    monkeypatch.setitem(module._WRITERS, "stl", write_larger)
-
-    write_bad(ONE, tmp_path, r"must keep the solid's volume to 0\.0001, but it is 8\.024")
-
-
-def test_a_file_that_lost_triangles_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setitem(module._READERS, "stl", lambda _: np.zeros((3, 3, 3), np.float32))
-
-    write_bad(ONE, tmp_path, "must hold 12 triangles, but 3 were read back")
-
-
-def test_an_stl_that_was_cut_off_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    whole = module.to_stl
-    monkeypatch.setattr(module, "to_stl", lambda *given: whole(*given)[:-1])
-
-    write_bad(ONE, tmp_path, "must be valid binary STL, but trimesh says")
-
-
-def test_a_3mf_in_inches_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    model = module._model
-
-    monkeypatch.setattr(module, "_model", lambda *given: (t.replace("millimeter", "inch") for t in model(*given)))
-
-    write_bad(ONE, tmp_path, "must hold one object in mm, but holds 1 in Inch", formats=("3mf",))
-
-
-def test_a_3mf_that_is_no_3mf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    model = module._model
-
-    monkeypatch.setattr(module, "_model", lambda *given: (t.replace("</mesh>", "") for t in model(*given)))
-
-    write_bad(ONE, tmp_path, "must be valid 3MF, but lib3mf says", formats=("3mf",))
-
-
 @pytest.mark.parametrize(
     ("parameters", "message"),
     [
         ({"formats": ("stl", "stl")}, "must name each format once"),
         ({"formats": ()}, "at least 1 item"),
-        ({"formats": ("obj",)}, "'stl' or '3mf'"),
+        ({"formats": ("step",)}, "'stl', '3mf', 'obj', 'ply' or 'glb'"),
+        ({"colour": "bone"}, "should match pattern"),
+        ({"colour": None}, "valid string"),
         ({"name": "two\nlines"}, "printable characters"),
         ({"name": ""}, "at least 1 character"),
     ],
@@ -256,3 +182,65 @@ def test_the_picture_is_what_was_drawn(tmp_path: Path, monkeypatch: pytest.Monke
 
     assert facts["preview"] == "preview.png"
     assert (tmp_path / "preview.png").read_bytes() == b"\x89PNG"
+
+
+def test_a_piece_in_another_piece_is_refused(tmp_path: Path):
+    nested = cubes((4.0, (0.0, 0.0, 0.0), True), (1.0, (1.0, 1.0, 1.0), True))
+
+    write_bad(nested, tmp_path, "1 of 2 shells are inside out or lie in another's solid")
+
+
+def test_a_piece_in_a_closed_pore_is_accepted(tmp_path: Path):
+    loose = cubes((9.0, (0.0, 0.0, 0.0), True), (5.0, (2.0, 2.0, 2.0), False), (1.0, (4.0, 4.0, 4.0), True))
+
+    assert write_solid(loose, params=quiet(), out=tmp_path).facts["stl_volume_mm3"] == pytest.approx(605.0)
+
+
+def test_closed_pores_other_than_promised_are_refused(tmp_path: Path):
+    promising = Solid(ONE.vertices, ONE.faces, facts={"closed_pores": 2})
+
+    write_bad(promising, tmp_path, "must have pieces and closed pores as the solid, 1 and 2, but has 1 and 0")
+
+
+def test_a_solid_that_intersects_itself_is_refused(tmp_path: Path):
+    crossing = cubes((2.0, (0.0, 0.0, 0.0), True), (2.0, (1.0, 1.25, 1.5), True))
+
+    write_bad(
+        crossing, tmp_path, r"must not intersect itself, but \d+ triangles cross or touch another, the first at \("
+    )
+
+
+def test_a_solid_far_from_the_origin_is_told_of_its_coarse_coordinates(tmp_path: Path):
+    far = Solid(ONE.vertices + 20_000.0, ONE.faces)
+
+    with pytest.warns(PipelineWarning, match="20002 mm from the origin, where .* lie 0.002 mm apart"):
+        facts = write_solid(far, params=quiet(formats=ALL), out=tmp_path).facts
+
+    assert facts["coordinate_step"] == 2.0**-9
+    assert {facts[f"{kind}_volume_mm3"] for kind in ALL} == {8.0}
+
+
+def test_a_failing_file_takes_the_good_ones_with_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def fail(*_: object) -> None:
+        raise StageError("disk trouble")
+
+    monkeypatch.setitem(FORMATS, "3mf", FileFormat(fail, FORMATS["3mf"].readers))
+
+    write_bad(ONE, tmp_path, r"^solid\.3mf: disk trouble; no file was kept$")
+
+
+def test_a_killed_process_leaves_no_file_under_its_name(tmp_path: Path):
+    code = (
+        "import os, signal, sys; from pathlib import Path; import numpy as np\n"
+        "from scaffold_stages import write_solid as module; from scaffold_pipeline.artifacts import Solid\n"
+        "def die(path, _):\n    path.write_bytes(b'half'); os.kill(os.getpid(), signal.SIGKILL)\n"
+        "module.FORMATS['3mf'] = module.FORMATS['3mf'].__class__(die, {})\n"
+        f"solid = Solid(np.array({ONE.vertices.tolist()}), np.array({ONE.faces.tolist()}))\n"
+        "params = module.WriteSolidParams(formats=('stl', '3mf'), preview=False)\n"
+        "module.write_solid(solid, params=params, out=Path(sys.argv[1]))"
+    )
+
+    died = subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False, timeout=120)
+
+    assert died.returncode == -signal.SIGKILL
+    assert all(path.name.startswith(".partial-") for path in tmp_path.iterdir())

@@ -21,9 +21,6 @@ Mask = NDArray[np.bool_]
 Body = Any
 """A `manifold3d.Manifold`, which has no type information."""
 
-_ROUNDS = 8
-"""Rounding to single precision and collapsing what that made coincide has always settled within three rounds."""
-
 
 @dataclass(frozen=True, eq=False)
 class Shells:
@@ -191,27 +188,6 @@ def core_under(vertices: Floats, faces: Ints, skin: float) -> Body | None:
 def simplified(body: Body, tolerance: float) -> Body:
     """Return the body with fewer triangles, none of its surface moved by more than about `tolerance` mm."""
     return body.simplify(tolerance)
-
-
-def in_single_precision(vertices: Floats, faces: Ints, about: str) -> tuple[Floats, Ints]:
-    """Return a closed mesh whose coordinates single precision holds exactly and apart.
-
-    A solid rounded to float32 in a file has pinched or opened where vertices fall together. The constructor of a
-    single-precision mesh collapses these; collapsing moves others, so it is repeated until all stay apart.
-    """
-    import manifold3d
-
-    corners = np.array(faces, np.uint32)
-    for _ in range(_ROUNDS):
-        rounded = np.array(vertices, np.float32, order="C")
-        is_settled = np.array_equal(rounded, vertices) and len(np.unique(rounded, axis=0)) == len(rounded)
-        body = manifold3d.Manifold(manifold3d.Mesh(rounded, corners))
-        _require_sound(body, about)
-        if is_settled and body.num_vert() == len(rounded):
-            return rounded.astype(np.float64), corners.astype(np.int64)
-        mesh = body.to_mesh64()
-        vertices, corners = np.asarray(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, np.uint32)
-    raise StageError(f"{about}: does not stay manifold in single precision; move it nearer to the origin")
 
 
 def _require_sound(body: Body, about: str) -> None:

@@ -1,0 +1,69 @@
+"""A mesh brought to single precision: nothing folds, pinches or opens, near the origin or far from it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from scaffold_pipeline.errors import StageError
+from scaffold_stages._kernels.crossings import arealess_faces, crossing_faces
+from scaffold_stages._kernels.rounding import in_single_precision
+from scaffold_stages._kernels.solids import to_body
+
+BALL = trimesh.creation.icosphere(4, radius=5.0)
+VERTICES, FACES = np.asarray(BALL.vertices), np.asarray(BALL.faces)
+
+
+def with_slivers(seed: int = 0) -> np.ndarray:
+    """Return the ball's vertices, a tenth of them moved nearly onto a neighbour or nearly onto an opposite edge."""
+    rng, vertices = np.random.default_rng(seed), VERTICES.copy()
+    for number, face in enumerate(rng.choice(FACES, len(VERTICES) // 20, replace=False)):
+        a, b, c = vertices[face]
+        target = b if number % 2 else 0.37 * b + 0.63 * c
+        vertices[face[0]] = target + 10.0 ** rng.uniform(-9, -4) * (a - target)
+    return vertices
+
+
+def is_clean(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    is_apart = len(np.unique(vertices, axis=0)) == len(vertices)
+    return is_apart and not crossing_faces(vertices, faces).any() and not arealess_faces(vertices, faces).any()
+
+
+@pytest.mark.parametrize("offset", [0.0, 100.0, 1000.0, 20_000.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_slivers_that_rounding_would_fold_are_opened(offset: float, seed: int):
+    slivers = with_slivers(seed)
+    vertices = slivers + offset
+    naive = vertices.astype(np.float32).astype(np.float64)
+    assert not is_clean(naive, FACES)
+
+    rounded = in_single_precision(vertices, FACES, "ball")
+
+    assert np.array_equal(rounded.vertices, rounded.vertices.astype(np.float32))
+    assert is_clean(rounded.vertices, rounded.faces)
+    assert rounded.moved <= 16.0 * np.spacing(np.float32(offset + 5.0))
+    body = to_body(rounded.vertices, rounded.faces, "ball")
+    assert body.volume() == pytest.approx(to_body(slivers, FACES, "ball").volume(), rel=1e-4)
+
+
+def test_what_single_precision_holds_is_left_as_it_is():
+    vertices = VERTICES.astype(np.float32).astype(np.float64)
+
+    rounded = in_single_precision(vertices, FACES, "ball")
+
+    assert rounded.moved == 0.0
+    assert np.array_equal(rounded.vertices, vertices)
+    assert np.array_equal(rounded.faces, FACES)
+
+
+def test_what_only_rounds_keeps_its_triangles():
+    rounded = in_single_precision(VERTICES + 100.0, FACES, "ball")
+
+    assert 0.0 < rounded.moved <= np.spacing(np.float32(64.0))
+    assert np.array_equal(rounded.faces, FACES)
+
+
+def test_details_below_the_step_of_single_precision_are_refused():
+    with pytest.raises(StageError, match=r"^speck: has details finer than .* 0\.002 mm, .*move the shape nearer"):
+        in_single_precision(1e-5 * VERTICES + 20_000.0, FACES, "speck")
