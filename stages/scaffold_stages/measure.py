@@ -36,6 +36,9 @@ class MeasureParams(Params):
     least_connected_pores: Share = Field(default=0.99, ge=0.0, le=1.0)
     """Share of the pore volume that must hang together; the clip cuts slivers off at the surface."""
 
+    most_interrupted: Share = Field(default=0.01, ge=0.0, le=1.0)
+    """Share of the struts, and of the channels, that may be interrupted in the file where voxels are too large."""
+
     min_strut: Millimetres | None = Field(default=None, gt=0.0)
     """Thickness that the thinnest strut must have; not asked for by default."""
 
@@ -54,6 +57,9 @@ class MeasureParams(Params):
     gate_pores_connected: bool = True
     """Whether pores that do not hang together fail."""
 
+    gate_interrupted: bool = True
+    """Whether a file fails in which too many struts are broken or too many channels closed."""
+
     gate_porosity: bool = True
     """Whether a porosity off the one asked for fails."""
 
@@ -68,7 +74,7 @@ class MeasureParams(Params):
         return room
 
 
-@stage(writes="metrics", version=3)
+@stage(writes="metrics", version=4)
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -118,9 +124,11 @@ def _warn_of_thin_parts(field: ScalarField, iso: float, values: dict[str, Fact])
     size = field.certificate.resolving_voxel_size(iso)
     finest = field.spacing * field.certificate.RING_SHARES[-1]
     remedy = f"voxel_size {size:.3g} mm resolves all" if size else f"voxel_size {finest:.3g} mm would not resolve all"
+    struts, channels = (values.get(f"{name}_interrupted") for name in ("struts", "channels"))
+    outcome = "may break or close them" if struts is None else f"breaks {struts} struts and closes {channels} channels"
     warnings.warn(
         f"under_resolved: {thin} struts and channels are thinner than two voxels of {field.spacing:.3g} mm at iso "
-        f"{iso:.4g}, so that the surface may break or close them; {remedy}",
+        f"{iso:.4g}, and the surface {outcome}; {remedy}",
         PipelineWarning,
         stacklevel=3,
     )
@@ -182,6 +190,7 @@ def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed
         )
     yield from _failed_shares(values, params)
     yield from _failed_certificate(values) if params.gate_certificate else ()
+    yield from _failed_interruptions(values, params) if params.gate_interrupted else ()
     yield from _failed_sizes(values, params)
 
 
@@ -214,6 +223,16 @@ def _failed_certificate(values: dict[str, Fact]) -> Iterator[str]:
             f"certificate: iso {iso:.4f} is {iso - high:.4f} above strut_min: {values['struts_broken']} of "
             f"{values['struts']} struts may be broken; lower porosity, or lower c"
         )
+
+
+def _failed_interruptions(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
+    for name, state in (("struts", "broken"), ("channels", "closed")):
+        found, count = values.get(f"{name}_interrupted"), values.get(name)
+        if found and count and _number(found) > params.most_interrupted * _number(count):
+            yield (
+                f"interrupted: {found} of {count} {name} are {state} in the file, more than the share of "
+                f"{params.most_interrupted:g} allowed; use smaller voxels, or larger cells"
+            )
 
 
 def _failed_sizes(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:

@@ -10,7 +10,7 @@ import pytest
 from scaffold_pipeline.artifacts import Certificate, IsoSurface, Metrics, ScalarField, Solid
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_stages._kernels import solids
-from scaffold_stages.measure import MeasureParams, _failed_sizes, measure
+from scaffold_stages.measure import MeasureParams, _failed_interruptions, _failed_sizes, measure
 from shapes import box, hexahedra, inverted, outer_of, tetrahedra, together
 
 OUTER = outer_of(box((0.0, 0.0, 0.0), (10.0, 8.0, 6.0)))
@@ -204,7 +204,7 @@ def struts_and_throats(**asked: object) -> Metrics:
     bar = solids.to_body(*box((9.0, 4.0, 4.0), (11.0, 6.0, 6.0)), "bar")
     block = solids.to_body(outer.vertices, outer.faces, "block") - (slit - bar)
     solid = Solid(*solids.from_body(block), pore_volumes=np.array([1.0]))
-    params = MeasureParams.model_validate({"gate_porosity": False, **asked})
+    params = MeasureParams.model_validate({"gate_porosity": False, "gate_interrupted": False, **asked})
     return measure(solid, outer, porous(), field(), hexahedra((2, 1, 1), edge=10.0), params=params)
 
 
@@ -251,3 +251,17 @@ def test_a_solid_that_fits_when_it_is_turned_passes():
 def test_a_room_without_room_is_no_parameter(room: tuple[float, float, float]):
     with pytest.raises(ValueError, match="above 0 mm"):
         MeasureParams(build_volume=room)
+
+
+def test_a_file_with_too_many_interrupted_struts_or_channels_fails():
+    values = {"struts": 200, "struts_interrupted": 3, "channels": 400, "channels_interrupted": 4}
+    (failure,) = _failed_interruptions(values, MeasureParams())
+    assert failure.startswith("interrupted: 3 of 200 struts are broken in the file, more than the share of 0.01")
+    assert list(_failed_interruptions(values, MeasureParams(most_interrupted=0.015))) == []
+    (failure,) = _failed_interruptions({**values, "struts_interrupted": 0}, MeasureParams(most_interrupted=0.005))
+    assert failure.startswith("interrupted: 4 of 400 channels are closed in the file")
+
+
+def test_interrupted_channels_fail_their_gate_in_the_stage_and_it_has_a_switch():
+    (failure,) = struts_and_throats(gate_interrupted=True).failed_gates
+    assert failure.startswith("interrupted: 12 of 2 channels")  # the planted certificate counts two
