@@ -100,7 +100,7 @@ def measure(
         **(field.certificate.at(porous.iso) if field.certificate else {}),
         **_shell_facts(vertices, faces),
         **_pore_facts(solid.pore_volumes),
-        **(_thickness_facts(file, outer, mesh, field.spacing) if mesh else {}),
+        **(_thickness_facts(file, outer, mesh, _ON_OUTER * field.spacing, porous.skin) if mesh else {}),
         **{f"size_{axis}_mm": float(size) for axis, size in zip("xyz", np.ptp(file.bounds, axis=0), strict=True)},
         "volume_mm3": file.volume,
         "area_mm2": file.area,
@@ -156,14 +156,17 @@ def _pore_facts(volumes: Floats) -> dict[str, Fact]:
     }
 
 
-def _thickness_facts(file: SurfaceMesh, outer: OuterShape, mesh: VolumeMesh, spacing: float) -> dict[str, Fact]:
+def _thickness_facts(
+    file: SurfaceMesh, outer: OuterShape, mesh: VolumeMesh, on_outer: float, skin: float
+) -> dict[str, Fact]:
     """Measure the struts and channels of the mesh in the file itself, which the certificate cannot see."""
     from scaffold_stages._kernels.skeleton import skeleton_of
     from scaffold_stages._kernels.thickness import narrowest_throat, thinnest_strut
 
-    skeleton, solid = skeleton_of(mesh.vertices, mesh.cells), (file.vertices, file.faces)
-    strut = thinnest_strut(skeleton, solid, (outer.vertices, outer.faces), _ON_OUTER * spacing)
-    throat = narrowest_throat(skeleton, solid)
+    skeleton = skeleton_of(mesh.vertices, mesh.cells)
+    solid, shape = (file.vertices, file.faces), (outer.vertices, outer.faces)
+    strut = thinnest_strut(skeleton, solid, shape, on_outer)
+    throat = narrowest_throat(skeleton, solid, shape, skin)
     return {
         "thinnest_strut_mm": strut.diameter if strut else None,
         "thinnest_strut_at": _place(strut.place) if strut else None,

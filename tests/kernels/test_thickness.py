@@ -33,9 +33,9 @@ def rooms():
     return block
 
 
-def measured(solid: object):
+def measured(solid: object, skin: float = 0.0):
     surface = solids.from_body(solid)
-    return thinnest_strut(SKELETON, surface, OUTER, 1e-3), narrowest_throat(SKELETON, surface)
+    return thinnest_strut(SKELETON, surface, OUTER, 1e-3), narrowest_throat(SKELETON, surface, OUTER, skin)
 
 
 def test_the_ball_about_an_axis_touches_the_nearest_wall():
@@ -81,3 +81,12 @@ def test_what_the_clip_cuts_says_nothing_of_a_strut():
 def test_a_solid_whose_struts_all_lie_on_the_cut_has_none_to_measure():
     one = hexahedra((1, 1, 1), edge=20.0)
     assert thinnest_strut(skeleton_of(one.vertices, one.cells), OUTER, OUTER, 1e-3) is None
+
+
+def test_a_skin_closes_no_channel_that_stays_within():
+    outside = body((0.0, 0.0, 0.0), (20.0, 20.0, 20.0)) - body((2.0, 2.0, 2.0), (18.0, 18.0, 18.0))
+    _, closed = measured(rooms() + outside)
+    assert closed.interrupted == 24  # a window to the outside in three walls of each room
+    _, throat = measured(rooms() + outside, skin=2.0)
+    assert throat.interrupted == 0
+    assert throat.diameter == pytest.approx(4.0)

@@ -44,10 +44,20 @@ def thinnest_strut(
     return _narrowest(radii, points)
 
 
-def narrowest_throat(skeleton: Skeleton, solid: tuple[Floats, Ints]) -> Narrowest | None:
-    """Return the narrowest place of the channels through a closed `solid`; one with a point in it is interrupted."""
+def narrowest_throat(
+    skeleton: Skeleton, solid: tuple[Floats, Ints], outer: tuple[Floats, Ints], skin: float
+) -> Narrowest | None:
+    """Return the narrowest place of the channels through a closed `solid`; one with a point in it is interrupted.
+
+    Under a `skin`, mm, points less deep in the `outer` shape do not count, nor do channels that would leave the mesh.
+    """
     points = _along(skeleton.channel_starts, skeleton.channel_ends)
-    return _narrowest(_signed(points, *solid)[0], points)
+    radii, _ = _signed(points, *solid)
+    if skin > 0.0:
+        leaves = np.bincount(skeleton.channel_faces)[skeleton.channel_faces] == 1
+        is_in_skin = _signed(points, *outer)[0] > -skin
+        radii = np.where(is_in_skin | np.repeat(leaves, _SAMPLES), np.inf, radii)
+    return _narrowest(radii, points)
 
 
 def _narrowest(radii: Floats, points: Floats) -> Narrowest | None:
