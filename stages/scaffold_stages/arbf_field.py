@@ -82,7 +82,7 @@ class ArbfFieldParams(Params):
     """Parameters of `arbf_field`."""
 
     voxel_size: Annotated[float | None, Unit("mm")] = Field(default=None, gt=0.0)
-    """Distance between samples of the field: a twentieth of the mean edge keeps the struts of a bone whole in the file."""
+    """Distance between samples of the field: a twentieth of the mean edge keeps a bone's struts whole in the file."""
 
     grid: GridParams | None = None
     """The grid itself, instead of a voxel size."""

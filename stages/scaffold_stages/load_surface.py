@@ -3,24 +3,36 @@
 from __future__ import annotations
 
 import warnings
+from collections import Counter
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
 from scaffold_pipeline.artifacts import OuterShape
-from scaffold_pipeline.contract import InputFile, Params, stage
+from scaffold_pipeline.contract import InputFile, Millimetres, Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
 from scaffold_stages._kernels import surface_files, triangles
+from scaffold_stages._surfaces import comparison, crossings, mending, repair
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from scaffold_stages._kernels.surface_files import SurfaceFile
-    from scaffold_stages._kernels.triangles import Floats, Ints
+    from scaffold_stages._surfaces.edges import Floats, Ints, Surface
 
-_REPAIR = "repair the surface, for instance in MeshLab or Blender, and load it again"
+_BY_HAND = "mend it, for instance in MeshLab or Blender, and load it again"
+_REMEDIES = {
+    "none": f"set `repair: safe` or `repair: rebuild`, or {_BY_HAND}",
+    "safe": f"set `repair: rebuild`, or {_BY_HAND}",
+    "rebuild": _BY_HAND,
+}
+_TOLERANCE = 0.01
+"""Share of the diagonal by which a repair may move the surface unless told otherwise: in scans, a pinhole but not an
+open end. Rebuilding alone, without a hole, moves it by a ten thousandth."""
+_SAMPLES = 5.0
+"""Samples to the tolerance, of the distance between what was read and what was made of it."""
 _SMALLEST, _LARGEST = 1.0, 2000.0
 """mm: between a bone of the ear and a whole body; what is outside has most likely the wrong unit."""
 _WORTH_A_WARNING = 0.1
@@ -41,28 +53,44 @@ class LoadSurfaceParams(Params):
     component: Literal["largest", "all"] = Field(default="largest")
     """Which of the surface's separate pieces to keep; `all` keeps cavities, too."""
 
+    repair: Literal["none", "safe", "rebuild"] = Field(default="safe")
+    """`safe` mends cracks, fills holes of up to 600 edges, drops what is double, flat or bounds nothing, and parts what
+    only touches; `rebuild` makes the surface anew around what it winds about, where it crosses itself or is torn;
+    `none` drops exact doubles and refuses all else."""
 
-@stage(writes="outer", version=1)
+    tolerance: Millimetres | None = Field(default=None, gt=0.0)
+    """How far a repair may move the surface, which includes how far the middle of a filled hole lies from its rim; left
+    out, 1 % of the diagonal."""
+
+
+@stage(writes="outer", version=2)
 def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
-    """Read a closed surface in mm, clean it, turn it outward, and refuse what does not bound a solid.
+    """Read a surface in mm, repair it, turn it outward, and refuse what does not bound a solid.
 
-    Exact duplicates and what has no area go, by number in the notes; no vertex is moved. A `StageError`
-    tells of an unreadable file, an unknown unit, and of a surface that is open, non-manifold, one-sided,
-    flat or passes through itself.
+    What was done and how far it moved the surface is told by number in the notes; a sound surface stays as it is. A
+    `StageError` tells of an unreadable file, an unknown unit, a repair that moves more than `tolerance`, and of a
+    surface that still is open, non-manifold, one-sided, flat or passes through itself.
     """
     name = params.path.name
     content = surface_files.read_surface(params.path)
     scale, unit_note = _scale_to_mm(content, params.units, name)
     notes = [*content.notes, unit_note]
-    vertices, faces = _cleaned(content.vertices * scale, content.faces, notes)
-    _require_some(faces, name, notes)
+    read = content.vertices * scale, content.faces
+    if params.repair == "none":
+        vertices, faces = whole = _cleaned(*read, notes)
+    else:
+        read = _merged(*read, notes)
+        vertices, faces = whole = _repaired(*read, params, notes)
+    _require_some(faces, params, notes)
     faces, pieces = _wound(vertices, faces, notes)
     faces, pieces = _chosen(vertices, faces, pieces, params, notes)
     vertices, faces = triangles.drop_unreferenced(vertices, faces)
-    _require_closed(faces, name, notes)
-    _require_volume(vertices, faces, pieces, name)
-    _require_no_self_intersection(vertices, faces, name)
-    faces = _outward(vertices, faces, pieces, name, notes)
+    _require_closed(faces, params, notes)
+    _require_volume(vertices, faces, pieces, params)
+    if params.repair != "none":
+        _require_near(read, whole, (vertices, faces), params, notes)
+    _require_no_crossing(vertices, faces, params)
+    faces = _outward(vertices, faces, pieces, params, notes)
     _warn_of_odd_size(vertices, name)
     return OuterShape(vertices=vertices, faces=faces, notes=tuple(notes))
 
@@ -110,9 +138,70 @@ def _note(notes: list[str], count: int, said: str) -> None:
         notes.append(said.format(count))
 
 
-def _require_some(faces: Ints, name: str, notes: list[str]) -> None:
+def _merged(vertices: Floats, faces: Ints, notes: list[str]) -> Surface:
+    """Give the surface one vertex for each place."""
+    done: Counter[str] = Counter()
+    vertices, faces = mending.merged(vertices, faces, done)
+    notes += repair.in_words(done)
+    return vertices, faces
+
+
+def _repaired(vertices: Floats, faces: Ints, params: LoadSurfaceParams, notes: list[str]) -> Surface:
+    """Mend or rebuild a surface."""
+    if params.repair == "safe":
+        found = repair.safe(vertices, faces)
+    else:
+        found = repair.rebuilt(vertices, faces, _tolerance(params, vertices), params.path.name)
+    notes += found.notes
+    return found.vertices, found.faces
+
+
+def _tolerance(params: LoadSurfaceParams, vertices: Floats) -> float:
+    """Return how far a repair may move the surface, mm."""
+    return params.tolerance or _TOLERANCE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+
+
+def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurfaceParams, notes: list[str]) -> None:
+    """Note what the repair did in numbers, and refuse it where it moved the surface too far."""
+    allowed = _tolerance(params, kept[0])
+    moved = comparison.moved(read, whole, kept, allowed / _SAMPLES)
+    name, farthest = params.path.name, max(moved.lost, moved.gained, key=lambda side: side.distance)
+    if farthest.distance == 0.0:
+        notes.append(f"repair {params.repair}: no place of the surface moved")
+        return
+    (volume, area), (new_volume, new_area) = (_volume_and_area(*surface) for surface in (read, whole))
+    notes.append(
+        f"repair {params.repair}: what was read lies at most {moved.lost.distance:.3g} mm from the result, the result "
+        f"at most {moved.gained.distance:.3g} mm from what was read (tolerance {allowed:.3g} mm); volume {volume:.6g} "
+        f"to {new_volume:.6g} mm^3, area {area:.6g} to {new_area:.6g} mm^2"
+        + (f", {moved.inner:.3g} mm^2 that lay inside left out" if moved.inner else "")
+    )
+    if farthest.distance > allowed:
+        at = farthest.place
+        what = "a filled hole or a new place" if farthest is moved.gained else "a part that was left out"
+        raise StageError(
+            f"{name}: repair {params.repair} moves the surface by {farthest.distance:.3g} mm ({what} at {at[0]:.4g}, "
+            f"{at[1]:.4g}, {at[2]:.4g} mm), more than the tolerance of {allowed:.3g} mm; look whether that is right, "
+            f"then set `tolerance: {_rounded_up(farthest.distance):g}`, or {_BY_HAND} [{'; '.join(notes)}]"
+        )
+
+
+def _rounded_up(value: float) -> float:
+    """Return a number of two digits above `value`."""
+    step = 10.0 ** (np.floor(np.log10(value)) - 1.0)
+    return float(np.ceil(1.02 * value / step) * step)
+
+
+def _volume_and_area(vertices: Floats, faces: Ints) -> tuple[float, float]:
+    """Return what all pieces enclose, each as if closed and outward, and their area."""
+    faces = triangles.turn_faces(faces, triangles.consistent_winding(faces).turn)
+    volumes = triangles.piece_volumes(vertices, faces, triangles.face_pieces(faces))
+    return float(np.abs(volumes).sum()), float(triangles.face_areas(vertices, faces).sum())
+
+
+def _require_some(faces: Ints, params: LoadSurfaceParams, notes: list[str]) -> None:
     if not len(faces):
-        raise StageError(f"{name}: no triangle is left of it ({'; '.join(notes)}); {_REPAIR}")
+        raise StageError(f"{params.path.name}: no triangle is left of it ({'; '.join(notes)}); {_BY_HAND}")
 
 
 def _wound(vertices: Floats, faces: Ints, notes: list[str]) -> tuple[Ints, Ints]:
@@ -150,8 +239,8 @@ def _chosen(
     return faces[kept], pieces[kept]
 
 
-def _require_closed(faces: Ints, name: str, notes: list[str]) -> None:
-    """Refuse a surface that is open, has an edge of more than two faces, or has one side only."""
+def _require_closed(faces: Ints, params: LoadSurfaceParams, notes: list[str]) -> None:
+    """Refuse a surface that is open, touches itself at an edge or a vertex, or has one side only."""
     faults = triangles.edge_faults(faces)
     said = [
         f"it is open ({faults.boundary} boundary edges)" if faults.boundary else "",
@@ -159,12 +248,16 @@ def _require_closed(faces: Ints, name: str, notes: list[str]) -> None:
     ]
     if not any(said) and not triangles.consistent_winding(faces).orientable:
         said = ["it has one side only, like a Moebius strip"]
+    touching = 0 if any(said) else triangles.touching_vertices(faces)
+    if touching:
+        said = [f"it touches itself at {touching} vertices"]
     if any(said):
         found = " and ".join(filter(None, said))
-        raise StageError(f"{name}: does not bound a solid: {found}; {_REPAIR} [{'; '.join(notes)}]")
+        remedy = _REMEDIES[params.repair]
+        raise StageError(f"{params.path.name}: does not bound a solid: {found}; {remedy} [{'; '.join(notes)}]")
 
 
-def _outward(vertices: Floats, faces: Ints, pieces: Ints, name: str, notes: list[str]) -> Ints:
+def _outward(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, notes: list[str]) -> Ints:
     """Turn bodies outward and cavities inward.
 
     A piece that the file winds against the piece it lies in is a cavity of it (or a body in a cavity).
@@ -174,9 +267,9 @@ def _outward(vertices: Floats, faces: Ints, pieces: Ints, name: str, notes: list
     same = [k for k, c in enumerate(container) if c >= 0 and (volumes[k] > 0) == (volumes[c] > 0)]
     if same:
         raise StageError(
-            f"{name}: {len(same)} of {len(volumes)} pieces lie inside another and face the same way, "
-            "so they are neither its cavities nor apart from it; set `component: largest`, or delete them "
-            "or turn them inward"
+            f"{params.path.name}: {len(same)} of {len(volumes)} pieces lie inside another and face the same way, "
+            "so they are neither its cavities nor apart from it; set `component: largest`, `repair: rebuild` to make "
+            "them part of it, or turn them inward"
         )
     _note(notes, int((depth % 2 == 1).sum()), "{} pieces are cavities")
     turned = (volumes > 0) == (depth % 2 == 1)
@@ -210,33 +303,33 @@ def _contains(vertices: Floats, outer: Ints, inner: Ints) -> bool:
     return bool(np.median(windings) > 0.5)  # noqa: PLR2004 - halfway between outside and inside
 
 
-def _require_volume(vertices: Floats, faces: Ints, pieces: Ints, name: str) -> None:
+def _require_volume(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams) -> None:
     """Refuse pieces whose volume is nothing beside their area, as is that of a sheet folded onto itself."""
     volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
     areas = np.bincount(pieces, weights=triangles.face_areas(vertices, faces))
     flat = int((volumes <= _FLAT * areas**1.5).sum())
     if flat:
         raise StageError(
-            f"{name}: encloses no volume: {flat} of {len(volumes)} pieces are flat "
+            f"{params.path.name}: encloses no volume: {flat} of {len(volumes)} pieces are flat "
             f"({surface_files.size_in_words(vertices, faces)} mm); load a surface that bounds a body"
         )
 
 
-def _require_no_self_intersection(vertices: Floats, faces: Ints, name: str) -> None:
-    # Seconds are enough for millions of triangles; on some tangles the search never ends.
-    seconds = 60.0 + len(faces) / 20_000
+def _require_no_crossing(vertices: Floats, faces: Ints, params: LoadSurfaceParams) -> None:
+    """Refuse a surface that passes through itself or lies upon itself."""
+    name, remedy = params.path.name, _REMEDIES[params.repair]
     found = call_in_child(
-        triangles.self_intersections,
+        crossings.crossing_faces,
         {"vertices": vertices, "faces": faces},
         {},
-        seconds=seconds,
-        about=f"{name} could not be searched for self-intersections: {_REPAIR}",
+        seconds=60.0 + len(faces) / 5_000,  # exact arithmetic; millions of sound triangles take seconds
+        about=f"{name} could not be searched for self-intersections: {remedy}",
     )["faces"]
     if len(found):
         at = vertices[faces[found[0]]].mean(axis=0)
         raise StageError(
             f"{name}: passes through itself: {len(found)} triangles intersect others "
-            f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {_REPAIR}"
+            f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {remedy}"
         )
 
 

@@ -36,7 +36,7 @@ class MeasureParams(Params):
     least_connected_pores: Share = Field(default=0.99, ge=0.0, le=1.0)
     """Share of the pore volume that must hang together; the clip cuts slivers off at the surface."""
 
-    most_interrupted: Share = Field(default=0.01, ge=0.0, le=1.0)
+    most_interrupted: Share = Field(default=0.02, ge=0.0, le=1.0)
     """Share of the struts, and of the channels, that may be interrupted in the file where voxels are too large."""
 
     min_strut: Millimetres | None = Field(default=None, gt=0.0)

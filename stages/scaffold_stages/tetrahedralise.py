@@ -5,7 +5,6 @@ Hu, Schneider, Wang, Zorin, Panozzo, "Fast tetrahedral meshing in the wild", ACM
 
 from __future__ import annotations
 
-import os
 from dataclasses import asdict, dataclass
 from typing import Annotated
 
@@ -13,10 +12,10 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
-from scaffold_pipeline.cell_types import cell_volumes
 from scaffold_pipeline.contract import Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.isolation import Arrays, call_in_child
+from scaffold_pipeline.isolation import call_in_child
+from scaffold_stages._volumes.ftetwild import run_ftetwild
 
 TOLERANCE = 0.15
 """How far the mean edge, or the number of cells, may be from what was asked for."""
@@ -202,29 +201,3 @@ def _mesh(outer: OuterShape, size: _Size, seconds: float) -> tuple[Floats, Ints]
         about=f"{about}; raise edge_length or envelope",
     )
     return answer["vertices"] @ turn.T + centre, answer["cells"]
-
-
-def run_ftetwild(vertices: Floats, faces: Ints, target: float, envelope: float) -> Arrays:
-    """Return positively oriented tetrahedra of a surface near the origin: `vertices` (n, 3), `cells` (m, 4).
-
-    Runs in a child process: pytetwild crashes or hangs on bad input and writes into the working directory.
-    """
-    import pytetwild
-
-    points, cells = pytetwild.tetrahedralize(
-        vertices,
-        faces.astype(np.int32),
-        edge_length_abs=target,
-        epsilon=envelope / float(np.linalg.norm(np.ptp(vertices, axis=0))),
-        num_threads=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
-        vtk_ordering=True,
-    )
-    if not len(cells):
-        raise StageError("fTetWild returned no cell: the shape is flat, or thinner than the envelope")
-    cells = np.asarray(cells, np.int64)
-    cells = cells[np.abs(cell_volumes(points, cells, "tetrahedron")) > 0.0]
-    used, compact = np.unique(cells, return_inverse=True)
-    cells = compact.reshape(cells.shape)
-    inverted = cell_volumes(points[used], cells, "tetrahedron") < 0.0
-    cells[inverted] = cells[inverted][:, [0, 2, 1, 3]]
-    return {"vertices": points[used], "cells": cells}

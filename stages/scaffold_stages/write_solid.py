@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
-from scaffold_pipeline.artifacts import Fact, Solid, WrittenFiles
-from scaffold_pipeline.contract import Params, stage
+from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
+from scaffold_pipeline.contract import Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
 from scaffold_pipeline.store import hash_file
@@ -23,7 +24,10 @@ from scaffold_stages._kernels.picture import draw_surface
 from scaffold_stages._kernels.stl import to_single
 from scaffold_stages._solid_files.checks import Examiner, promise_of
 from scaffold_stages._solid_files.formats import FORMATS
+from scaffold_stages._solid_files.mesh_files import WRITERS, require_read_back
 from scaffold_stages._solid_files.model import Mesh, Model, mesh_of_corners
+from scaffold_stages._solid_files.pore_space import pore_space
+from scaffold_stages._solid_files.tetrahedra import mesh_of
 
 RENDER_SECONDS = 300.0
 """Time for a picture; one of 8 million triangles takes half a minute on two busy cores, without a GPU."""
@@ -51,6 +55,21 @@ class WriteSolidParams(Params):
     preview: bool = True
     """Whether to draw `preview.png`."""
 
+    void: bool = False
+    """Whether the pore space is written too, `void.stl` and so on in the same formats, for casting or flow."""
+
+    mesh: bool = False
+    """Whether the solid is filled with tetrahedra for finite elements: `solid_mesh.vtu` and `solid_mesh.inp`, mm.
+
+    By fTetWild, which cannot repeat itself: files of two runs differ, but what was written is stored, and a later run
+    of the same directory keeps it."""
+
+    mesh_edge: Millimetres | None = Field(default=None, gt=0.0)
+    """Edge length of the tetrahedra; by default twice the solid's volume over its area, half a strut's thickness."""
+
+    mesh_time_limit: Annotated[float, Unit("s")] = Field(default=1800.0, gt=0.0)
+    """Time after which the tetrahedral mesh is given up."""
+
     @field_validator("formats")
     @classmethod
     def _each_once(cls, formats: tuple[Format, ...]) -> tuple[Format, ...]:
@@ -66,29 +85,85 @@ class WriteSolidParams(Params):
         return name
 
 
-@stage(writes="written", version=2)
-def write_solid(solid: Solid, *, params: WriteSolidParams, out: Path, config_hash: str | None = None) -> WrittenFiles:
+@stage(writes="written", version=3)
+def write_solid(
+    solid: Solid,
+    outer: OuterShape | None = None,
+    *,
+    params: WriteSolidParams,
+    out: Path,
+    config_hash: str | None = None,
+) -> WrittenFiles:
     """Write the solid as STL, 3MF, OBJ, PLY or GLB, each file read back by two programs and checked, and draw it.
 
-    Position and axes are kept, and coordinates are mm in float32, the same in all files. The 3MF file names
-    `config_hash`, the hash of the configuration that the solid comes from; OBJ, PLY and GLB do so in a comment.
-    Raises `StageError` where a file is not closed, manifold, outward, free of self-intersections and to the bit the
-    solid, or has another volume, other pieces or closed pores; no file is then kept. A picture that cannot be drawn
-    is a `PipelineWarning`.
+    Where asked for, also the pore space within `outer` in the same formats, and a tetrahedral mesh of the solid as VTU
+    and INP. Position and axes are kept, and coordinates are mm in float32, the same in all files, but float64 in the
+    mesh's. The 3MF file names `config_hash`, the hash of the configuration that the solid comes from; OBJ, PLY and GLB
+    do so in a comment. Raises `StageError` where a file is not closed, manifold, outward, free of self-intersections
+    and to the bit the solid, or has another volume, other pieces or closed pores; no file is then kept. A picture that
+    cannot be drawn is a `PipelineWarning`.
     """
     mesh = _rounded(solid)
     model = Model(mesh, params.name, params.colour.upper(), config_hash)
-    examiner = Examiner(mesh, promise_of(solid))
     facts: dict[str, Fact] = {"coordinate_step": _coordinate_step(mesh)}
-    with TemporaryDirectory(dir=out, prefix=".partial-") as folder:
-        paths = [Path(folder, f"solid.{kind}") for kind in params.formats]
-        for kind, path in zip(params.formats, paths, strict=True):
-            volume = _write_checked(kind, path, model, examiner)
-            facts |= _facts_of_file(path, kind, mesh, volume)
-        for path in paths:
+    with TemporaryDirectory(dir=out, prefix=".partial-") as name:
+        folder = Path(name)
+        facts |= _write_surface("solid", solid, model, params.formats, folder)
+        if params.void:
+            facts |= _write_void(solid, outer, model, params.formats, folder)
+        if params.mesh:
+            facts |= _write_mesh(solid, params, folder)
+        for path in sorted(folder.iterdir()):
             path.replace(out / path.name)
     facts["preview"] = _preview(mesh, out) if params.preview else "not asked for"
     return WrittenFiles(facts)
+
+
+def _write_surface(name: str, body: Solid, model: Model, formats: tuple[Format, ...], folder: Path) -> dict[str, Fact]:
+    """Write a body in each format as the file `name`; return what the files hold."""
+    examiner = Examiner(model.mesh, promise_of(body))
+    facts: dict[str, Fact] = {}
+    for kind in formats:
+        path = folder / f"{name}.{kind}"
+        volume = _write_checked(kind, path, model, examiner)
+        facts |= _facts_of_file(path, kind, model.mesh, volume)
+    return facts
+
+
+def _write_void(
+    solid: Solid, outer: OuterShape | None, model: Model, formats: tuple[Format, ...], folder: Path
+) -> dict[str, Fact]:
+    """Write the pore space in each format; return what the files hold."""
+    if outer is None:
+        raise StageError(
+            "void: needs the outer shape, which no stage before this one writes to slot 'outer'; name its slot with "
+            "`from: {outer: NAME}`, or set void off"
+        )
+    space = pore_space(outer, solid)
+    mesh = mesh_of_corners(to_single(space.body.vertices)[space.body.faces])
+    of_void = replace(model, mesh=mesh, title=f"{model.title}, pore space")
+    facts = _write_surface("void", space.body, of_void, formats, folder)
+    return {
+        "void_volume_mm3": space.body.volume,
+        "void_pieces": promise_of(space.body).pieces,
+        "void_inset_mm": space.inset,
+        **{f"void_{name}": fact for name, fact in facts.items()},
+    }
+
+
+def _write_mesh(solid: Solid, params: WriteSolidParams, folder: Path) -> dict[str, Fact]:
+    """Write the tetrahedral mesh of the solid; return what the files hold."""
+    mesh = mesh_of(solid, params.mesh_edge, params.mesh_time_limit)
+    facts = dict(mesh.facts)
+    for kind, write in WRITERS.items():
+        path = folder / f"solid_mesh.{kind}"
+        try:
+            write(path, mesh)
+            require_read_back(path, mesh)
+        except StageError as error:
+            raise StageError(f"{path.name}: {error}; no file was kept") from error
+        facts |= {f"mesh_{kind}_bytes": path.stat().st_size, f"mesh_{kind}_sha256": hash_file(path)}
+    return facts
 
 
 def _rounded(solid: Solid) -> Mesh:

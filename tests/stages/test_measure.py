@@ -254,10 +254,10 @@ def test_a_room_without_room_is_no_parameter(room: tuple[float, float, float]):
 
 
 def test_a_file_with_too_many_interrupted_struts_or_channels_fails():
-    values = {"struts": 200, "struts_interrupted": 3, "channels": 400, "channels_interrupted": 4}
+    values = {"struts": 200, "struts_interrupted": 5, "channels": 400, "channels_interrupted": 4}
     (failure,) = _failed_interruptions(values, MeasureParams())
-    assert failure.startswith("interrupted: 3 of 200 struts are broken in the file, more than the share of 0.01")
-    assert list(_failed_interruptions(values, MeasureParams(most_interrupted=0.015))) == []
+    assert failure.startswith("interrupted: 5 of 200 struts are broken in the file, more than the share of 0.02")
+    assert list(_failed_interruptions(values, MeasureParams(most_interrupted=0.025))) == []
     (failure,) = _failed_interruptions({**values, "struts_interrupted": 0}, MeasureParams(most_interrupted=0.005))
     assert failure.startswith("interrupted: 4 of 400 channels are closed in the file")
 

@@ -53,7 +53,8 @@ def write_bad(solid: Solid, out: Path, message: str, **parameters: object) -> No
 def test_the_stage_keeps_the_contract():
     stage = stage_from_function("write_solid", write_solid)
 
-    assert (stage.writes, list(stage.reads)) == ("written", ["solid"])
+    assert (stage.writes, list(stage.reads)) == ("written", ["solid", "outer"])
+    assert [read.optional for read in stage.reads.values()] == [False, True]
     assert stage.engine_arguments == {"params", "out", "config_hash"}
 
 
