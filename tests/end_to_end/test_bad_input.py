@@ -71,7 +71,7 @@ def two_cubes_through_each_other():
         (b"<html><body>not found</body></html>", "STL"),
         (cube()[:300], "STL"),
         (with_not_a_number(), "NaN"),
-        (cube(faces=FACES[1:]), "open"),
+        (cube(faces=FACES[1:]), "hole"),
     ],
     ids=["empty", "of another kind", "truncated", "not a number", "open"],
 )
@@ -155,7 +155,7 @@ stages:
 
 
 def test_a_failed_run_leaves_an_earlier_result_as_it_was(run, tmp_path):
-    code, _ = run(cube())
+    code, _ = run(cube(), voxel=0.4)
     assert code == 0
     out = tmp_path / "out"
     before = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}

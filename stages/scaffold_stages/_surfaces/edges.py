@@ -1,0 +1,76 @@
+"""The edges of a triangle mesh: how many faces use each and which way, and what hangs together over them.
+
+`vertices` (n, 3), `faces` (m, 3). A half-edge `h` runs from corner `h % 3` of face `h // 3` to that face's next corner.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import NamedTuple, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats: TypeAlias = NDArray[np.float64]
+Ints: TypeAlias = NDArray[np.int64]
+Mask: TypeAlias = NDArray[np.bool_]
+Surface: TypeAlias = tuple[Floats, Ints]
+Done: TypeAlias = Counter[str]
+"""How often what was done: the keys are sentences with a `{}` for the number."""
+
+MANIFOLD = 2
+"""Faces at an edge of a closed manifold."""
+
+
+class Edges(NamedTuple):
+    """Every edge once: `ends` (k, 2) lower vertex first; `of` (3m,) the edge of each half-edge.
+
+    `uses` (k,) is how many faces are at it, `net` (k,) how often it is walked from its lower vertex less how often from
+    its higher one.
+    """
+
+    ends: Ints
+    of: Ints
+    uses: Ints
+    net: Ints
+
+
+def edges_of(faces: Ints) -> Edges:
+    """Return the edges of the faces, sorted by their vertices."""
+    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    count = int(faces.max(initial=0)) + 1
+    key = np.minimum(tails, heads) * count + np.maximum(tails, heads)
+    key, of, uses = np.unique(key, return_inverse=True, return_counts=True)
+    net = np.bincount(of.ravel(), weights=np.where(tails < heads, 1.0, -1.0), minlength=len(key))
+    return Edges(np.column_stack(np.divmod(key, count)), of.ravel(), uses, net.astype(np.int64))
+
+
+def patches_of(faces: Ints, edges: Edges) -> Ints:
+    """Return the patch of each face, (m,), from 0: what hangs together over edges of exactly two faces."""
+    order = np.argsort(edges.of, kind="stable")
+    starts = np.cumsum(edges.uses) - edges.uses
+    pairs = starts[edges.uses == MANIFOLD]
+    return components(order[pairs] // 3, order[pairs + 1] // 3, len(faces))
+
+
+def components(starts: Ints, ends: Ints, count: int) -> Ints:
+    """Return the number of the connected piece of each of `count` things, (count,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(starts), np.int8), (starts, ends)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def open_vertices(edges: Edges) -> Ints:
+    """Return the vertices at edges of one face."""
+    return np.unique(edges.ends[edges.uses == 1])
+
+
+def rounding(vertices: Floats) -> float:
+    """Return how far apart two writings of one place may lie in a file of single precision or of six digits."""
+    return ROUNDING * float(np.abs(vertices).max(initial=0.0))
+
+
+ROUNDING = 2e-6
+"""Share of the greatest coordinate: some 16 steps of single precision, one of the sixth digit."""

@@ -1,0 +1,144 @@
+"""The two repairs of a surface: mend what is broken in it, or rebuild it as the boundary of what it winds about."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.isolation import Arrays, call_in_child
+from scaffold_stages._kernels import triangles
+from scaffold_stages._surfaces import arrangement, holes, mending, sheets, voxels
+from scaffold_stages._surfaces.edges import Done, Floats, Ints, Surface, edges_of
+from scaffold_stages._surfaces.parting import parted_or_same
+
+_TORN = 0.3
+"""Share of open edges from which a surface is a heap of triangles rather than one with holes."""
+
+_FINEST, _COARSEST = 250.0, 50.0
+"""Samples along the diagonal, at most (a minute or two of computing) and at least."""
+
+_PER_TOLERANCE = 2.0
+"""Samples to the tolerance: the surface is found to a fraction of the distance between them."""
+
+_INSIDE = 0.5
+"""Winding number halfway between outside and inside."""
+
+
+class Repaired(NamedTuple):
+    """A repaired surface and what was done, in words with numbers."""
+
+    vertices: Floats
+    faces: Ints
+    notes: tuple[str, ...]
+
+
+def safe(vertices: Floats, faces: Ints) -> Repaired:
+    """Mend a surface of one vertex a place without moving what is sound in it; what cannot be mended stays as it is."""
+    done: Done = Counter()
+    vertices, faces = _prepared(vertices, faces, done)
+    vertices, faces, notes = _filled(vertices, faces)
+    vertices, faces = parted_or_same(vertices, faces, done)
+    return Repaired(vertices, faces, (*in_words(done), *notes))
+
+
+def rebuilt(vertices: Floats, faces: Ints, tolerance: float, name: str) -> Repaired:
+    """Return the boundary of what a surface of one vertex a place winds about.
+
+    Where its holes can be filled, its triangles are cut where they cross, and what bounds the inside stays exactly
+    where it was. Of what cannot be filled or cut, the winding number is sampled on a grid; raises `StageError` where
+    that finds no inside either.
+    """
+    done: Done = Counter()
+    vertices, faces = _prepared(vertices, faces, done)
+    if not len(faces):
+        return Repaired(vertices, faces, in_words(done))
+    seconds = 300.0 + len(faces) / 500.0
+    try:
+        *whole, how = _closed(vertices, faces)
+        answer = call_in_child(
+            arrangement.arranged, dict(zip(_NAMES, whole, strict=True)), {}, seconds=seconds, about=_CUT
+        )
+        how = (*how, "rebuilt by cutting it where it crosses itself and keeping the boundary of what it winds about")
+    except StageError as error:
+        answer, spacing = _sampled(vertices, faces, tolerance, seconds, name)
+        reason = str(error).removesuffix(f"; {_CUT}")
+        how = (f"rebuilt from its winding number on a grid of {spacing:.3g} mm, as {reason}",)
+    return Repaired(answer["vertices"], answer["faces"], (*in_words(done), *how))
+
+
+_NAMES = ("vertices", "faces")
+_CUT = "in cutting it where it crosses itself"
+
+
+def _prepared(vertices: Floats, faces: Ints, done: Done) -> Surface:
+    """Mend what is local, leave out what bounds nothing, and make neighbours agree on their outside."""
+    vertices, faces = mending.mended(vertices, faces, done)
+    vertices, faces = sheets.without_sheets(vertices, faces, done)
+    turn = triangles.consistent_winding(faces).turn
+    done["turned {} triangles that were wound against their neighbours"] += int(turn.sum())
+    return np.ascontiguousarray(vertices), np.ascontiguousarray(triangles.turn_faces(faces, turn))
+
+
+def in_words(done: Done) -> tuple[str, ...]:
+    """Return what was done, with its numbers."""
+    return tuple(said.format(count) for said, count in done.items() if count)
+
+
+def _filled(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, tuple[str, ...]]:
+    """Return the surface with its holes filled, but for long ones, and notes; a heap of triangles as it is."""
+    share = float((edges_of(faces).uses == 1).mean()) if len(faces) else 0.0
+    if share > _TORN:
+        return vertices, faces, (f"filled no holes, as {share:.0%} of its edges are open",)
+    found = holes.filled(vertices, faces)
+    count = int(found.patches.max(initial=-1)) + 1
+    notes = (f"filled {count} holes with {len(found.patches)} triangles",) if count else ()
+    if found.too_long:
+        notes = (*notes, f"left {found.too_long} holes of more than {holes.LONGEST} edges open")
+    return found.vertices, found.faces, notes
+
+
+def _closed(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, tuple[str, ...]]:
+    """Return the surface filled and each piece of it outward; raises `StageError` where it cannot be closed."""
+    vertices, faces, notes = _filled(vertices, faces)
+    left = int((edges_of(faces).net != 0).sum())
+    if left:
+        raise StageError(f"{left} of its edges stay open")
+    faces, turned = _outward(vertices, faces)
+    if turned:
+        notes = (*notes, f"turned {turned} pieces that faced inward")
+    return vertices, faces, notes
+
+
+def _outward(vertices: Floats, faces: Ints) -> tuple[Ints, int]:
+    """Return the faces of closed pieces turned outward, but for cavities: pieces wound against one about them."""
+    import igl
+
+    pieces = triangles.face_pieces(faces)
+    volumes = triangles.piece_volumes(vertices, faces, pieces)
+    if volumes.sum() < 0.0:
+        flipped, count = _outward(vertices, np.ascontiguousarray(faces[:, ::-1]))
+        return flipped, len(volumes) - count
+    bodies = np.ascontiguousarray(faces[(volumes > 0.0)[pieces]])
+    turned = np.zeros(len(volumes), bool)
+    for piece in np.flatnonzero(volumes < 0.0):
+        own = faces[pieces == piece]
+        points = vertices[own[:: -(-len(own) // 20)]].mean(axis=1)
+        turned[piece] = np.median(igl.fast_winding_number(vertices, bodies, points)) < _INSIDE
+    return triangles.turn_faces(faces, turned[pieces]), int(turned.sum())
+
+
+def _sampled(vertices: Floats, faces: Ints, tolerance: float, seconds: float, name: str) -> tuple[Arrays, float]:
+    """Return the surface rebuilt on a grid, and the grid's spacing, mm."""
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    spacing = float(np.clip(tolerance / _PER_TOLERANCE, diagonal / _FINEST, diagonal / _COARSEST))
+    answer = call_in_child(
+        voxels.wound_about,
+        {"vertices": vertices, "faces": faces},
+        {"spacing": spacing},
+        seconds=2.0 * seconds,
+        about=f"{name} cannot be rebuilt: mend it where it was made, or load a surface that bounds a body",
+    )
+    return answer, spacing
