@@ -26,7 +26,7 @@ from scaffold_stages._solid_files.checks import Examiner, promise_of
 from scaffold_stages._solid_files.formats import FORMATS
 from scaffold_stages._solid_files.mesh_files import WRITERS, require_read_back
 from scaffold_stages._solid_files.model import Mesh, Model, mesh_of_corners
-from scaffold_stages._solid_files.pore_space import pore_space
+from scaffold_stages._solid_files.pore_space import PoreSpace, pore_space
 from scaffold_stages._solid_files.tetrahedra import mesh_of
 
 RENDER_SECONDS = 300.0
@@ -61,13 +61,13 @@ class WriteSolidParams(Params):
     mesh: bool = False
     """Whether the solid is filled with tetrahedra for finite elements: `solid_mesh.vtu` and `solid_mesh.inp`, mm.
 
-    By fTetWild, which cannot repeat itself: files of two runs differ, but what was written is stored, and a later run
-    of the same directory keeps it."""
+    By fTetWild, which cannot repeat itself: files of two runs differ, but what was written is stored with its hash, and
+    kept by later runs of the same config. It takes minutes, and longer the more struts there are."""
 
     mesh_edge: Millimetres | None = Field(default=None, gt=0.0)
     """Edge length of the tetrahedra; by default twice the solid's volume over its area, half a strut's thickness."""
 
-    mesh_time_limit: Annotated[float, Unit("s")] = Field(default=1800.0, gt=0.0)
+    mesh_time_limit: Annotated[float, Unit("s")] = Field(default=3600.0, gt=0.0)
     """Time after which the tetrahedral mesh is given up."""
 
     @field_validator("formats")
@@ -103,14 +103,19 @@ def write_solid(
     and to the bit the solid, or has another volume, other pieces or closed pores; no file is then kept. A picture that
     cannot be drawn is a `PipelineWarning`.
     """
+    if params.void and outer is None:
+        raise StageError(
+            "void: needs the outer shape, which no stage before this one writes to slot 'outer'; name its slot with "
+            "`from: {outer: NAME}`, or set void off"
+        )
     mesh = _rounded(solid)
     model = Model(mesh, params.name, params.colour.upper(), config_hash)
     facts: dict[str, Fact] = {"coordinate_step": _coordinate_step(mesh)}
     with TemporaryDirectory(dir=out, prefix=".partial-") as name:
         folder = Path(name)
         facts |= _write_surface("solid", solid, model, params.formats, folder)
-        if params.void:
-            facts |= _write_void(solid, outer, model, params.formats, folder)
+        if params.void and outer:
+            facts |= _write_void(pore_space(outer, solid), model, params.formats, folder)
         if params.mesh:
             facts |= _write_mesh(solid, params, folder)
         for path in sorted(folder.iterdir()):
@@ -130,16 +135,8 @@ def _write_surface(name: str, body: Solid, model: Model, formats: tuple[Format, 
     return facts
 
 
-def _write_void(
-    solid: Solid, outer: OuterShape | None, model: Model, formats: tuple[Format, ...], folder: Path
-) -> dict[str, Fact]:
+def _write_void(space: PoreSpace, model: Model, formats: tuple[Format, ...], folder: Path) -> dict[str, Fact]:
     """Write the pore space in each format; return what the files hold."""
-    if outer is None:
-        raise StageError(
-            "void: needs the outer shape, which no stage before this one writes to slot 'outer'; name its slot with "
-            "`from: {outer: NAME}`, or set void off"
-        )
-    space = pore_space(outer, solid)
     mesh = mesh_of_corners(to_single(space.body.vertices)[space.body.faces])
     of_void = replace(model, mesh=mesh, title=f"{model.title}, pore space")
     facts = _write_surface("void", space.body, of_void, formats, folder)

@@ -1,0 +1,48 @@
+"""fTetWild: a closed surface filled with tetrahedra, for a child process.
+
+Hu, Schneider, Wang, Zorin, Panozzo, "Fast tetrahedral meshing in the wild", ACM Transactions on Graphics 39 (2020).
+"""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from scaffold_pipeline.cell_types import cell_volumes
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.isolation import Arrays
+from scaffold_stages._volumes.blocks import Floats, Ints
+
+ROUNDS, ENERGY = 80, 10.0
+"""fTetWild's own limits: rounds of improvement, and the energy of the worst cell at which it stops."""
+
+
+def run_ftetwild(
+    vertices: Floats, faces: Ints, target: float, envelope: float, rounds: int = ROUNDS, energy: float = ENERGY
+) -> Arrays:
+    """Return positively oriented tetrahedra of a surface near the origin: `vertices` (n, 3), `cells` (m, 4).
+
+    Runs in a child process: pytetwild crashes or hangs on bad input and writes into the working directory.
+    """
+    import pytetwild
+
+    points, cells = pytetwild.tetrahedralize(
+        vertices,
+        faces.astype(np.int32),
+        edge_length_abs=target,
+        epsilon=envelope / float(np.linalg.norm(np.ptp(vertices, axis=0))),
+        num_threads=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        num_opt_iter=rounds,
+        stop_energy=energy,
+        vtk_ordering=True,
+    )
+    if not len(cells):
+        raise StageError("fTetWild returned no cell: the shape is flat, or thinner than the envelope")
+    cells = np.asarray(cells, np.int64)
+    cells = cells[np.abs(cell_volumes(points, cells, "tetrahedron")) > 0.0]
+    used, compact = np.unique(cells, return_inverse=True)
+    cells = compact.reshape(cells.shape)
+    inverted = cell_volumes(points[used], cells, "tetrahedron") < 0.0
+    cells[inverted] = cells[inverted][:, [0, 2, 1, 3]]
+    return {"vertices": points[used], "cells": cells}

@@ -1,0 +1,299 @@
+from __future__ import annotations
+
+import re
+from itertools import permutations, product
+from pathlib import Path
+
+import meshio
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from scaffold_pipeline.artifacts import Ints, Solid, VolumeMesh
+from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_stages._kernels.solids import from_body, to_body
+from scaffold_stages._solid_files import tetrahedra as module
+from scaffold_stages._solid_files.mesh_files import WRITERS, require_read_back
+from scaffold_stages._solid_files.tetrahedra import default_edge, quality
+from scaffold_stages.write_solid import WriteSolidParams, write_solid
+
+FILES = ("inp", "vtu")
+RING = [place for place in product(range(3), range(3), range(1)) if place != (1, 1, 0)]
+"""The cubes of a square plate with a square hole."""
+
+
+def cubes_of_six(places: list[tuple[int, int, int]], edge: float = 2.0) -> VolumeMesh:
+    """Return six tetrahedra to each cube, all about its diagonal, so that neighbours match."""
+    cells = []
+    for place in places:
+        for order in permutations(range(3)):
+            steps = np.eye(3, dtype=np.int64)[list(order)]
+            path = np.array(place) + np.concatenate([[[0, 0, 0]], np.cumsum(steps, axis=0)])
+            is_positive = np.linalg.det(steps.astype(float)) > 0.0
+            cells.append(path if is_positive else path[[0, 2, 1, 3]])
+    points, corners = np.unique(np.concatenate(cells), axis=0, return_inverse=True)
+    return VolumeMesh(edge * points + 1.0 / 3.0, corners.reshape(-1, 4))
+
+
+def boundary_of(mesh: VolumeMesh) -> Solid:
+    """Return the faces that one cell has, outward."""
+    faces = mesh.tetrahedra[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
+    _, first, uses = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    return Solid(mesh.vertices.astype(np.float32).astype(np.float64), faces[first[uses == 1]])
+
+
+MESH = cubes_of_six(RING)
+SOLID = boundary_of(MESH)
+
+
+@pytest.fixture
+def answer(monkeypatch: pytest.MonkeyPatch) -> dict[str, np.ndarray]:
+    """Stand in for fTetWild: what is in here is its answer, MESH at first, about the solid's centre."""
+    given = {"vertices": MESH.vertices - SOLID.bounds.mean(axis=0), "cells": MESH.tetrahedra.copy()}
+    monkeypatch.setattr(module, "call_in_child", lambda *_, **__: given)
+    return given
+
+
+def written(out: Path, solid: Solid = SOLID, **given: object):
+    parameters = {"preview": False, "formats": ("stl",), "mesh": True, **given}
+    return write_solid(solid, params=WriteSolidParams.model_validate(parameters), out=out).facts
+
+
+def write_bad(out: Path, message: str, **given: object) -> None:
+    with pytest.raises(StageError, match=message) as failure:
+        written(out, **given)
+    assert "\n" not in str(failure.value)
+    assert list(out.iterdir()) == []
+
+
+pytestmark = pytest.mark.filterwarnings("ignore:solid. .* are not exact in float32")
+
+
+def test_ftetwild_fills_a_box_with_a_hole(tmp_path: Path):
+    plate = to_body(SOLID.vertices, SOLID.faces, "plate").rotate((20.0, 30.0, 40.0))
+    solid = Solid(*from_body(plate))
+
+    facts = written(tmp_path, solid, mesh_edge=1.0, mesh_time_limit=120.0)
+
+    assert facts["mesh_volume_difference"] == pytest.approx(0.0, abs=0.01)
+    assert facts["mesh_cells"] > 100
+    assert 0.0 < facts["mesh_least_scaled_jacobian"] <= 1.0
+    assert 0.0 < facts["mesh_least_dihedral_angle"] < 70.6
+    found = meshio.read(tmp_path / "solid_mesh.vtu")
+    assert found.points.min(axis=0) == pytest.approx(solid.bounds[0], abs=0.11)
+    assert found.points.max(axis=0) == pytest.approx(solid.bounds[1], abs=0.11)
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_others_read_the_mesh_to_the_bit(tmp_path: Path, answer: dict, kind: str):
+    facts = written(tmp_path)
+
+    found = meshio.read(tmp_path / f"solid_mesh.{kind}")
+    assert [block.type for block in found.cells] == ["tetra"]
+    assert np.array_equal(found.cells[0].data, MESH.tetrahedra)
+    assert np.array_equal(found.points, answer["vertices"] + SOLID.bounds.mean(axis=0))
+    assert facts["mesh_volume_mm3"] == pytest.approx(64.0)
+
+
+@pytest.mark.usefixtures("answer")
+def test_the_input_file_names_its_unit_and_counts_from_one(tmp_path: Path):
+    written(tmp_path)
+
+    lines = (tmp_path / "solid_mesh.inp").read_text(encoding="ascii").splitlines()
+    keywords = [line for line in lines if line.startswith("*")]
+    assert keywords == ["*HEADING", "*NODE, NSET=ALL", "*ELEMENT, TYPE=C3D4, ELSET=SOLID"]
+    assert lines[1].endswith("unit: mm")
+    nodes, elements = (lines[lines.index(keyword) + 1] for keyword in keywords[1:])
+    assert nodes.startswith("1, ")
+    assert re.fullmatch(r"1(, [1-9]\d*){4}", elements)
+
+
+@pytest.mark.usefixtures("answer")
+def test_files_of_one_mesh_are_the_same_each_time(tmp_path: Path):
+    hashes = []
+    for folder in (tmp_path / "a", tmp_path / "b"):
+        folder.mkdir()
+        facts = written(folder)
+        hashes.append([facts[f"mesh_{kind}_sha256"] for kind in FILES])
+
+    assert hashes[0] == hashes[1]
+
+
+def test_no_mesh_is_written_by_default(tmp_path: Path):
+    facts = written(tmp_path, mesh=False)
+
+    assert [path.name for path in tmp_path.iterdir()] == ["solid.stl"]
+    assert not [name for name in facts if name.startswith("mesh")]
+
+
+def test_the_edge_is_half_the_thickness_of_a_rod_by_default():
+    rod = boundary_of(cubes_of_six([(0, 0, height) for height in range(100)], edge=3.0))
+
+    assert default_edge(rod) == pytest.approx(1.5, rel=0.01)
+
+
+def test_a_mesher_that_takes_too_long_is_refused(tmp_path: Path):
+    message = (
+        r"^gave no result within 0 s; mesh of the solid, \d+ triangles, mesh_edge 0.2 mm; raise mesh_time_limit or"
+    )
+
+    write_bad(tmp_path, message, mesh_edge=0.2, mesh_time_limit=0.01)
+
+
+def test_a_mesh_of_another_volume_is_refused(tmp_path: Path, answer: dict):
+    answer["vertices"] *= 1.004
+
+    write_bad(tmp_path, r"must keep its volume to 0\.01, but the cells fill 64\.77.* of 64 mm\^3; lower mesh_edge")
+
+
+def test_a_mesh_that_falls_apart_is_refused(tmp_path: Path, answer: dict):
+    halves = np.concatenate([answer["cells"][:24], answer["cells"][24:] + len(answer["vertices"])])
+    used, answer["cells"] = drop_unused(halves)
+    answer["vertices"] = np.tile(answer["vertices"], (2, 1))[used]
+
+    write_bad(tmp_path, "must be in as many pieces as it, 1, but its cells are in 2; lower mesh_edge")
+
+
+def test_cells_that_share_only_an_edge_are_pieces(tmp_path: Path, answer: dict):
+    mesh = cubes_of_six([(0, 0, 0), (1, 1, 0)])
+    answer["vertices"], answer["cells"] = mesh.vertices, mesh.tetrahedra
+
+    write_bad(tmp_path, "as many pieces as it, 1, but its cells are in 2")
+
+
+def test_a_mesh_with_an_inverted_cell_is_refused(tmp_path: Path, answer: dict):
+    answer["cells"][3] = answer["cells"][3, [1, 0, 2, 3]]
+
+    write_bad(tmp_path, r"every cell must have a positive volume, but 1 of 48 do not")
+
+
+def test_a_mesh_with_a_doubled_cell_is_refused(tmp_path: Path, answer: dict):
+    answer["cells"] = np.concatenate([answer["cells"], answer["cells"][:1]])
+
+    write_bad(tmp_path, "a face must have one cell on each side at most")
+
+
+def test_a_mesh_with_a_handle_less_is_told(tmp_path: Path, answer: dict):
+    filled = cubes_of_six([*RING, (1, 1, 0)])
+    answer["cells"] = filled.tetrahedra
+    thin = filled.vertices - SOLID.bounds.mean(axis=0)
+    answer["vertices"] = thin * [1.0, 1.0, 8.0 / 9.0]
+
+    with pytest.warns(PipelineWarning, match=r"Euler characteristic is \+1 off that of the solid: thin struts"):
+        facts = written(tmp_path)
+
+    assert facts["mesh_euler_difference"] == 1
+
+
+def test_a_mesh_with_a_handle_more_is_told(tmp_path: Path, answer: dict):
+    solid = boundary_of(cubes_of_six([*RING, (1, 1, 0)]))
+    answer["vertices"] *= [1.0, 1.0, 9.0 / 8.0]
+
+    with pytest.warns(PipelineWarning, match=r"Euler characteristic is -1 off that of the solid: narrow gaps"):
+        facts = written(tmp_path, solid)
+
+    assert facts["mesh_distance_mm"] == pytest.approx(1.0 / 8.0, abs=1e-6)
+
+
+@pytest.mark.usefixtures("answer")
+def test_a_mesh_on_the_solid_itself_is_no_distance_off(tmp_path: Path):
+    facts = written(tmp_path)
+
+    assert facts["mesh_distance_mm"] < 1e-6
+    assert facts["mesh_euler_difference"] == 0
+
+
+def test_a_fine_surface_is_thinned_out_before_it_is_filled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)  # fTetWild leaves a file where it runs
+    cubes = boundary_of(cubes_of_six(list(product(range(12), repeat=3)), edge=0.5))
+    around = np.asarray(cubes.vertices - cubes.bounds.mean(axis=0))
+
+    made = module.fill(around, np.asarray(cubes.faces), 200.0, 3.0, 0.1)
+
+    mesh = VolumeMesh(made["vertices"], made["cells"])
+    assert mesh.volume == pytest.approx(216.0, rel=0.01)
+    assert len(mesh.tetrahedra) < 1000
+
+
+def drop_unused(cells: Ints) -> tuple[Ints, Ints]:
+    used, places = np.unique(cells, return_inverse=True)
+    return used, places.reshape(cells.shape)
+
+
+def dropped_cell(mesh: VolumeMesh) -> VolumeMesh:
+    used, cells = drop_unused(mesh.tetrahedra[1:])
+    return VolumeMesh(mesh.vertices[used], cells)
+
+
+def turned_cell(mesh: VolumeMesh) -> VolumeMesh:
+    return VolumeMesh(mesh.vertices, mesh.tetrahedra[:, [1, 2, 0, 3]])
+
+
+def moved_point(mesh: VolumeMesh) -> VolumeMesh:
+    vertices = mesh.vertices.copy()
+    vertices[5, 1] = np.nextafter(vertices[5, 1], 9.0)
+    return VolumeMesh(vertices, mesh.tetrahedra)
+
+
+FAULTS = {
+    dropped_cell: "must hold the mesh's own tetrahedra in their order",
+    turned_cell: "must hold the mesh's own tetrahedra in their order",
+    moved_point: "must hold the mesh's coordinates to the bit, but 1 of 32 points lie elsewhere",
+}
+
+
+@pytest.mark.usefixtures("answer")
+@pytest.mark.parametrize("kind", FILES)
+@pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.__name__)
+def test_a_mesh_file_with_a_fault_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str, fault):
+    write = WRITERS[kind]
+    monkeypatch.setitem(WRITERS, kind, lambda path, mesh: write(path, fault(mesh)))
+
+    write_bad(tmp_path, rf"^solid_mesh\.{kind}: {FAULTS[fault]}.*; no file was kept$")
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_a_mesh_file_that_is_cut_off_is_refused(tmp_path: Path, kind: str):
+    path = tmp_path / f"cut.{kind}"
+    WRITERS[kind](path, MESH)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+
+    with pytest.raises(StageError):
+        require_read_back(path, MESH)
+
+
+def test_a_mesh_file_with_a_point_too_many_is_refused(tmp_path: Path):
+    path = tmp_path / "more.inp"
+    WRITERS["inp"](path, MESH)
+    path.write_text(path.read_text().replace("*ELEMENT", "33, 0.0, 0.0, 0.0\n*ELEMENT"))
+
+    with pytest.raises(StageError, match="must hold 32 points, but 33 were read back"):
+        require_read_back(path, MESH)
+
+
+def test_the_quality_of_a_regular_tetrahedron_is_the_best():
+    corners = np.array([[1.0, 1.0, 1.0], [1.0, -1.0, -1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, 1.0]])
+    mesh = VolumeMesh(
+        corners, np.array([[0, 2, 1, 3]]) if np.linalg.det(corners[1:] - corners[0]) < 0 else [[0, 1, 2, 3]]
+    )
+
+    worst = quality(mesh)
+
+    assert worst.scaled_jacobian == pytest.approx(1.0)
+    assert worst.dihedral_angle == pytest.approx(np.degrees(np.arccos(1.0 / 3.0)))
+
+
+def test_the_quality_of_a_corner_of_a_cube_is_known():
+    corner = VolumeMesh(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), [[0, 1, 2, 3]])
+
+    worst = quality(corner)
+
+    assert worst.scaled_jacobian == pytest.approx(np.sqrt(2.0) / 2.0)
+    assert worst.dihedral_angle == pytest.approx(54.7356, abs=1e-3)
+
+
+@pytest.mark.parametrize("parameters", [{"mesh_edge": 0.0}, {"mesh_time_limit": 0.0}, {"mesh_edge": -1.0}])
+def test_sizes_that_are_not_positive_are_refused(parameters: dict[str, float]):
+    with pytest.raises(ValidationError, match="greater than 0"):
+        WriteSolidParams.model_validate(parameters)
