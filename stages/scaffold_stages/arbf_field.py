@@ -290,9 +290,9 @@ def _at_points(segments: Segments) -> Callable[..., Floats]:
 
 def _active_tiles(near: Bools, size: int) -> Ints:
     """Return the numbers of the tiles of `size` samples that hold one of `near`, (nx, ny, nz), last axis fastest."""
-    padded = np.pad(near, [(0, -count % size) for count in near.shape])
-    nx, ny, nz = (count // size for count in padded.shape)
-    return np.flatnonzero(padded.reshape(nx, size, ny, size, nz, size).any(axis=(1, 3, 5)))
+    for axis, count in enumerate(near.shape):
+        near = np.logical_or.reduceat(near, np.arange(0, count, size), axis=axis)
+    return np.flatnonzero(near)
 
 
 def _require_reached(half_reached: int, support: float) -> None:

@@ -59,6 +59,11 @@ def _poly_data(vertices: Floats, faces: Ints) -> object:
 
 def grown(inside: Bools, steps: int) -> Bools:
     """Return the samples within `steps` of `inside`, diagonal neighbours included."""
-    from scipy.ndimage import maximum_filter
-
-    return np.asarray(maximum_filter(inside.view(np.uint8), size=2 * steps + 1, mode="constant"), bool)
+    result = inside.copy()
+    for axis in range(inside.ndim):
+        before, line = result.copy(), np.moveaxis(result, axis, 0)
+        given = np.moveaxis(before, axis, 0)
+        for step in range(1, steps + 1):
+            line[step:] |= given[:-step]
+            line[:-step] |= given[step:]
+    return result
