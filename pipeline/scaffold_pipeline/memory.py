@@ -23,7 +23,8 @@ def available_memory() -> int:
 class PeakMemory:
     """Measure the greatest resident memory, bytes, of this process and its children inside a `with` block.
 
-    A thread samples both five times a second. Where Linux keeps a high-water mark of this process, that is read too,
+    A thread samples both five times a second. A child counts from the second sample that sees it: until it has started
+    its own program it shows its parent's memory, which would count twice. Where Linux keeps a high-water mark of this process, that is read too,
     since native code that holds the interpreter's lock hides its peak from the thread.
     """
 
@@ -48,8 +49,11 @@ class PeakMemory:
 
     def _sample(self) -> None:
         process = psutil.Process()
+        known: set[psutil.Process] = set()
         while True:
-            self.peak = max(self.peak, sum(map(_resident, [process, *_children(process)])))
+            children = set(_children(process))
+            self.peak = max(self.peak, sum(map(_resident, [process, *(children & known)])))
+            known = children
             if self._stop.wait(_INTERVAL):
                 return
 

@@ -74,6 +74,18 @@ def test_memory_of_child_processes_counts():
     assert before + 200 * MIB < peak.peak < before + 300 * MIB
 
 
+def test_a_child_that_has_not_yet_started_its_program_does_not_count_its_parents_memory_again(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    ballast = np.ones(200 * MIB // 8)
+    seen = iter([[psutil.Process()]])  # between fork and exec a child has the very pages of its parent
+    monkeypatch.setattr(memory, "_children", lambda _: next(seen, []))
+    before = resident()
+    with PeakMemory() as peak:
+        time.sleep(0.5)
+    assert before - MIB < peak.peak < before + ballast.nbytes / 2
+
+
 def test_the_peak_is_told_when_the_work_fails():
     peak = PeakMemory()
     with pytest.raises(ValueError, match="no"), peak:
