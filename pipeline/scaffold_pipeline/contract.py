@@ -52,6 +52,16 @@ Millimetres = Annotated[float, Unit("mm")]
 Share = Annotated[float, Unit("share of 1")]
 
 
+def _require_each_once(names: tuple[str, ...]) -> tuple[str, ...]:
+    if len(set(names)) != len(names):
+        raise ValueError(f"must name each format once, got {', '.join(names)}")
+    return names
+
+
+EachOnce = AfterValidator(_require_each_once)
+"""For a list of formats: `Annotated[tuple[Format, ...], EachOnce]` refuses one that is named twice."""
+
+
 def _resolve_input_file(path: Path, info: ValidationInfo) -> Path:
     """Resolve `path` against the folder of its configuration and require that a file is there."""
     base = (info.context or {}).get("base")

@@ -24,8 +24,8 @@ class PeakMemory:
     """Measure the greatest resident memory, bytes, of this process and its children inside a `with` block.
 
     A thread samples both five times a second. A child counts from the second sample that sees it: until it has started
-    its own program it shows its parent's memory, which would count twice. Where Linux keeps a high-water mark of this process, that is read too,
-    since native code that holds the interpreter's lock hides its peak from the thread.
+    its own program it shows its parent's memory, which would count twice. Where Linux keeps a high-water mark of this
+    process, that is read too, since native code that holds the interpreter's lock hides its peak from the thread.
     """
 
     def __init__(self) -> None:

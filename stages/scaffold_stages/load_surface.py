@@ -14,6 +14,7 @@ from scaffold_pipeline.contract import InputFile, Millimetres, Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
 from scaffold_stages._kernels import surface_files, triangles
+from scaffold_stages._kernels.input_files import warn_of_odd_size
 from scaffold_stages._surfaces import comparison, crossings, mending, repair
 
 if TYPE_CHECKING:
@@ -33,8 +34,6 @@ _TOLERANCE = 0.01
 open end. Rebuilding alone, without a hole, moves it by a ten thousandth."""
 _SAMPLES = 5.0
 """Samples to the tolerance, of the distance between what was read and what was made of it."""
-_SMALLEST, _LARGEST = 1.0, 2000.0
-"""mm: between a bone of the ear and a whole body; what is outside has most likely the wrong unit."""
 _WORTH_A_WARNING = 0.1
 """A dropped piece of this share of the volume kept is hardly debris."""
 _FLAT = 1e-9
@@ -91,7 +90,7 @@ def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
         _require_near(read, whole, (vertices, faces), params, notes)
     _require_no_crossing(vertices, faces, params)
     faces = _outward(vertices, faces, pieces, params, notes)
-    _warn_of_odd_size(vertices, name)
+    warn_of_odd_size(vertices, name)
     return OuterShape(vertices=vertices, faces=faces, notes=tuple(notes))
 
 
@@ -330,16 +329,4 @@ def _require_no_crossing(vertices: Floats, faces: Ints, params: LoadSurfaceParam
         raise StageError(
             f"{name}: passes through itself: {len(found)} triangles intersect others "
             f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {remedy}"
-        )
-
-
-def _warn_of_odd_size(vertices: Floats, name: str) -> None:
-    longest = float(np.ptp(vertices, axis=0).max())
-    # A surface scaled to the unit cube has no unit at all.
-    if not _SMALLEST < longest <= _LARGEST:
-        warnings.warn(
-            f"{name}: its longest side is {longest:.4g} mm, not between {_SMALLEST:g} and {_LARGEST:g} mm: "
-            "is `units` right?",
-            PipelineWarning,
-            stacklevel=3,
         )

@@ -12,14 +12,13 @@ from scaffold_pipeline.artifacts import Fact, Floats, VolumeMesh
 from scaffold_pipeline.cell_types import CELL_TYPES
 from scaffold_pipeline.contract import InputFile, Params, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_stages._kernels.input_files import warn_of_odd_size
 from scaffold_stages._kernels.surface_files import MILLIMETRES
 from scaffold_stages._volumes import boundary, cells
 from scaffold_stages._volumes.cells import Cells, Faces, Mask
 from scaffold_stages._volumes.reading import VolumeFile, read_volume
 
 _REPAIR = "mend the mesh where it was made, or load its surface and use tetrahedralise"
-_SMALLEST, _LARGEST = 1.0, 2000.0
-"""mm: between a bone of the ear and a whole body; what is outside has most likely the wrong unit."""
 _FARTHEST = 1e9
 """mm: a thousand kilometres; what is farther is damage."""
 _WORTH_A_WARNING = 0.1
@@ -69,7 +68,8 @@ def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
     vertices, kept = cells.without_unused(vertices, kept)
     _require_agreement(vertices, kept, name)
     folded = cells.folded(vertices, kept)
-    _warn_of_odd_mesh(vertices, folded, cells.count(kept), name)
+    warn_of_odd_size(vertices, name)
+    _warn_of_folds(folded, cells.count(kept), name)
     by_name = {CELL_TYPES[kind].plural: corners for kind, corners in kept.items()}
     facts: dict[str, Fact] = {
         **{plural: len(corners) for plural, corners in by_name.items()},
@@ -208,15 +208,7 @@ def _require_agreement(vertices: Floats, kept: Cells, name: str) -> None:
         )
 
 
-def _warn_of_odd_mesh(vertices: Floats, folded: int, number: int, name: str) -> None:
-    longest = float(np.ptp(vertices, axis=0).max())
-    if not _SMALLEST < longest <= _LARGEST:
-        warnings.warn(
-            f"{name}: its longest side is {longest:.4g} mm, not between {_SMALLEST:g} and {_LARGEST:g} mm: "
-            "is `units` right?",
-            PipelineWarning,
-            stacklevel=3,
-        )
+def _warn_of_folds(folded: int, number: int, name: str) -> None:
     if folded:
         warnings.warn(
             f"{name}: {folded} of {number} cells are folded: a part of each cannot be seen from its centre, and "

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from scaffold_pipeline.artifacts import Fact, ScalarField, WrittenFiles
-from scaffold_pipeline.contract import InputFile, Params, stage
+from scaffold_pipeline.contract import EachOnce, InputFile, Params, stage
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.store import hash_file
 
@@ -21,18 +21,11 @@ Format = Literal["vti", "nrrd", "npy"]
 class WriteFieldParams(Params):
     """Parameters of `write_field`."""
 
-    formats: tuple[Format, ...] = Field(default=("vti", "nrrd", "npy"), min_length=1)
+    formats: Annotated[tuple[Format, ...], EachOnce] = Field(default=("vti", "nrrd", "npy"), min_length=1)
     """The files to write, `field.vti`, `field.nrrd` and `field.npy` with `field.json`, each once."""
 
     points: InputFile | None = None
     """CSV file of points x, y, z in mm; the field itself is evaluated there and written to `field_at_points.csv`."""
-
-    @field_validator("formats")
-    @classmethod
-    def _each_once(cls, formats: tuple[Format, ...]) -> tuple[Format, ...]:
-        if len(set(formats)) != len(formats):
-            raise ValueError(f"must name each format once, got {', '.join(formats)}")
-        return formats
 
 
 @stage(writes="field_files", version=1)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
-from scaffold_pipeline.contract import Millimetres, Params, Unit, stage
+from scaffold_pipeline.contract import EachOnce, Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
 from scaffold_pipeline.store import hash_file
@@ -43,7 +43,7 @@ Format = Literal["stl", "3mf", "obj", "ply", "glb"]
 class WriteSolidParams(Params):
     """Parameters of `write_solid`."""
 
-    formats: tuple[Format, ...] = Field(default=("stl", "3mf"), min_length=1)
+    formats: Annotated[tuple[Format, ...], EachOnce] = Field(default=("stl", "3mf"), min_length=1)
     """The files to write, each once: `solid.stl`, `.3mf`, `.obj`, `.ply`, `.glb`; mm, but a GLB's scene in m, y up."""
 
     name: str = Field(default="scaffold", min_length=1, max_length=200)
@@ -69,13 +69,6 @@ class WriteSolidParams(Params):
 
     mesh_time_limit: Annotated[float, Unit("s")] = Field(default=3600.0, gt=0.0)
     """Time after which the tetrahedral mesh is given up."""
-
-    @field_validator("formats")
-    @classmethod
-    def _each_once(cls, formats: tuple[Format, ...]) -> tuple[Format, ...]:
-        if len(set(formats)) != len(formats):
-            raise ValueError(f"must name each format once, got {', '.join(formats)}")
-        return formats
 
     @field_validator("name")
     @classmethod

@@ -3,8 +3,6 @@
 Two triangles may have in common the vertices that they share and the edge between these, and nothing else. Boxes in a
 tree over the triangles, in the order of a space-filling curve, give the pairs to look at; the signs of determinants
 decide, and where rounding could turn a sign it is computed exactly.
-
-All predicates stand in this one file: numba keeps machine code by file, and would not see a change in another.
 """
 
 from __future__ import annotations
@@ -42,7 +40,7 @@ def crossing_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -
     """Return which faces (m, 3) have more in common with another than the vertices and edge they share, (m,).
 
     `vertices` (n, 3) are distinct; what is finer than 2^-52 of the greatest coordinate is rounded off. Faces without
-    area are left out (see `areless_faces`); their neighbours lie upon each other, and are found.
+    area are left out (see `arealess_faces`); their neighbours lie upon each other, and are found.
     """
     if len(faces) < 2:  # noqa: PLR2004 - it takes two
         return np.zeros(len(faces), np.bool_)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.isolation import call_in_child
+from scaffold_stages._kernels.input_files import reader_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -55,15 +56,7 @@ class _Polygons(NamedTuple):
 
 def read_surface(path: Path) -> SurfaceFile:
     """Read the surface file `path`; a `StageError` names what is wrong with it."""
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        raise StageError(
-            f"{path.name}: cannot read files called {path.suffix or '(no suffix)'}; "
-            f"export the surface as one of {', '.join(sorted(_READERS))}"
-        )
-    if not path.stat().st_size:
-        raise StageError(f"{path.name}: is an empty file (0 bytes); export or download it again")
-    polygons = reader(path)
+    polygons = reader_of(path, _READERS, "surface")(path)
     _require_faces(polygons, path)
     larger = int((polygons.sizes > 3).sum())  # noqa: PLR2004 - corners of a triangle
     faces = _triangles(polygons, path) if larger else polygons.corners.reshape(-1, 3)

@@ -14,6 +14,7 @@ import numpy as np
 
 from scaffold_pipeline.cell_types import CELL_TYPES
 from scaffold_pipeline.errors import StageError
+from scaffold_stages._kernels.input_files import reader_of
 from scaffold_stages._volumes.abaqus import read_abaqus
 from scaffold_stages._volumes.blocks import AGAIN, CORNERS, Block, Blocks, Floats, Ints
 from scaffold_stages._volumes.gmsh import read_gmsh
@@ -33,15 +34,7 @@ class VolumeFile(NamedTuple):
 
 def read_volume(path: Path) -> VolumeFile:
     """Read the volume file `path`; a `StageError` names what is wrong with it."""
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
-        raise StageError(
-            f"{path.name}: cannot read files called {path.suffix or '(no suffix)'}; "
-            f"export the volume mesh as one of {', '.join(sorted(_READERS))}"
-        )
-    if not path.stat().st_size:
-        raise StageError(f"{path.name}: is an empty file (0 bytes); export or download it again")
-    points, blocks = reader(path)
+    points, blocks = reader_of(path, _READERS, "volume mesh")(path)
     _require_known(blocks, path.name)
     cells = _cells(blocks, len(points), path.name)
     counts = ", ".join(f"{len(corners)} {CELL_TYPES[kind].plural}" for kind, corners in cells.items())

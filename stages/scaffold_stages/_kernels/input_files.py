@@ -1,0 +1,44 @@
+"""What every reader of a user's file asks before it reads, and of what it has read."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.errors import PipelineWarning, StageError
+
+Content = TypeVar("Content")
+
+_SMALLEST, _LARGEST = 1.0, 2000.0
+"""mm: between a bone of the ear and a whole body; what is outside has most likely the wrong unit."""
+
+
+def reader_of(path: Path, readers: Mapping[str, Callable[[Path], Content]], thing: str) -> Callable[[Path], Content]:
+    """Return the reader for a file's suffix; a `StageError` where there is none, or the file is empty."""
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise StageError(
+            f"{path.name}: cannot read files called {path.suffix or '(no suffix)'}; "
+            f"export the {thing} as one of {', '.join(sorted(readers))}"
+        )
+    if not path.stat().st_size:
+        raise StageError(f"{path.name}: is an empty file (0 bytes); export or download it again")
+    return reader
+
+
+def warn_of_odd_size(vertices: NDArray[np.float64], name: str) -> None:
+    """Warn where the longest side of `vertices` (n, 3), mm, is no bone's; to be called by the stage itself."""
+    longest = float(np.ptp(vertices, axis=0).max())
+    # A surface scaled to the unit cube has no unit at all.
+    if not _SMALLEST < longest <= _LARGEST:
+        warnings.warn(
+            f"{name}: its longest side is {longest:.4g} mm, not between {_SMALLEST:g} and {_LARGEST:g} mm: "
+            "is `units` right?",
+            PipelineWarning,
+            stacklevel=3,
+        )
