@@ -279,11 +279,7 @@ def _at_points(segments: Segments) -> Callable[..., Floats]:
         return bin_segments(segments, low, np.full(3, _BOX), (nx, ny, nz))
 
     def at(points: Floats, precision: type[np.floating[Any]] = np.float64) -> Floats:
-        places = (points - segments.centre) / segments.unit
-        is_near = ((places > low) & (places < high)).all(axis=1)
-        values = np.full(len(points), -1.0)
-        values[is_near] = field_at(segments, bins(), places[is_near], precision)
-        return values
+        return field_at(segments, bins(), (points - segments.centre) / segments.unit, precision)
 
     return at
 
@@ -305,19 +301,13 @@ def _require_reached(half_reached: int, support: float) -> None:
 
 def _certificate(skeleton: Skeleton, field: _Field, spacing: float) -> Certificate:
     """Return the extremes of a field along every channel and strut, and around them at a voxel and parts of it."""
-    from scaffold_stages._kernels.certificate import extremes_along, extremes_around
+    from scaffold_stages._kernels.certificate import Rings, extremes_of
 
-    ends = skeleton.vertices[skeleton.edges]
-    struts, channels = (ends[:, 0], ends[:, 1]), (skeleton.channel_starts, skeleton.channel_ends)
-    around = partial(extremes_around, field.at_many)
-    radii = [spacing * share for share in Certificate.RING_SHARES]
-    return Certificate(
-        channel_maxima=extremes_along(field.at_many, *channels, 1, field.at),
-        strut_minima=extremes_along(field.at_many, *struts, -1, field.at),
-        channel_rings=np.stack([around(*channels, _THROATS, radius, 1) for radius in radii], axis=1),
-        strut_rings=np.stack([around(*struts, _WAISTS, radius, -1) for radius in radii], axis=1),
-        voxel_size=spacing,
-    )
+    ends, radii = skeleton.vertices[skeleton.edges], tuple(spacing * share for share in Certificate.RING_SHARES)
+    channels, struts = (skeleton.channel_starts, skeleton.channel_ends), (ends[:, 0], ends[:, 1])
+    channel_maxima, channel_rings = extremes_of(field.at_many, *channels, Rings(_THROATS, radii), 1, field.at)
+    strut_minima, strut_rings = extremes_of(field.at_many, *struts, Rings(_WAISTS, radii), -1, field.at)
+    return Certificate(channel_maxima, strut_minima, channel_rings, strut_rings, voxel_size=spacing)
 
 
 def _exact(skeleton: Skeleton, params: ArbfFieldParams) -> _Field:

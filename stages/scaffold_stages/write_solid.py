@@ -5,7 +5,6 @@ Files get their names when all are found good; until then they lie in a folder o
 
 from __future__ import annotations
 
-import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -18,9 +17,8 @@ from pydantic import Field, field_validator
 from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
 from scaffold_pipeline.contract import EachOnce, Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.isolation import call_in_child
 from scaffold_pipeline.store import hash_file
-from scaffold_stages._kernels.picture import draw_surface
+from scaffold_stages._kernels.picture import draw_in_child, draw_surface
 from scaffold_stages._kernels.stl import to_single
 from scaffold_stages._solid_files.checks import Examiner, promise_of
 from scaffold_stages._solid_files.formats import FORMATS
@@ -29,13 +27,8 @@ from scaffold_stages._solid_files.model import Mesh, Model, mesh_of_corners
 from scaffold_stages._solid_files.pore_space import PoreSpace, pore_space
 from scaffold_stages._solid_files.tetrahedra import mesh_of
 
-RENDER_SECONDS = 300.0
-"""Time for a picture; one of 8 million triangles takes half a minute on two busy cores, without a GPU."""
-
 COARSE_STEP = 1e-3
 """Where neighbouring float32 numbers lie at least so far apart, mm, from 8.2 m on, the user is told."""
-
-_WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow") if sys.platform == "linux" else ("",)
 
 Format = Literal["stl", "3mf", "obj", "ply", "glb"]
 
@@ -113,7 +106,9 @@ def write_solid(
             facts |= _write_mesh(solid, params, folder)
         for path in sorted(folder.iterdir()):
             path.replace(out / path.name)
-    facts["preview"] = _preview(mesh, out) if params.preview else "not asked for"
+    arrays = {"vertices": mesh.vertices, "faces": mesh.faces.astype(np.int32)}
+    drawn = params.preview and draw_in_child(draw_surface, arrays, out / "preview.png")
+    facts["preview"] = drawn or "not asked for"
     return WrittenFiles(facts)
 
 
@@ -201,27 +196,3 @@ def _facts_of_file(path: Path, kind: Format, mesh: Mesh, volume: float) -> dict[
         f"{kind}_triangles": len(mesh.faces),
         f"{kind}_read_by": ", ".join([*FORMATS[kind].readers, "manifold3d"]),
     }
-
-
-def _preview(mesh: Mesh, out: Path) -> str:
-    """Draw `preview.png` in a child process; return its name, or why there is none."""
-    arrays = {"vertices": mesh.vertices, "faces": mesh.faces.astype(np.int32)}
-    reasons = []
-    for window in _WINDOWS:
-        try:
-            picture = call_in_child(
-                draw_surface, arrays, {"window": window}, seconds=RENDER_SECONDS, about=window or "VTK"
-            )
-        except StageError as error:
-            reasons.append(str(error))
-            continue
-        (out / "preview.png").write_bytes(picture["png"].tobytes())
-        return "preview.png"
-    reason = "; ".join(reasons)
-    warnings.warn(
-        f"no preview.png was drawn: {reason}; off-screen drawing needs, on Debian, libegl1 and libgl1-mesa-dri; "
-        "the solid's files are complete",
-        PipelineWarning,
-        stacklevel=3,
-    )
-    return f"none: {reason}"

@@ -22,7 +22,7 @@ from kernels.shepard_oracle import Net, extremes, graded, jittered, mixed, net_o
 from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels import certificate, shepard_grid
 from scaffold_stages._kernels import shepard as shepard_module
-from scaffold_stages._kernels.certificate import extremes_along
+from scaffold_stages._kernels.certificate import Rings, extremes_of
 from scaffold_stages._kernels.shepard import Bins, Segments, bin_segments, field_at
 from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
 
@@ -351,7 +351,8 @@ def certified(net: Net, c: float = C, exponent: int = EXPONENT) -> tuple[Floats,
     starts, ends, n = segments.starts.T, (segments.starts + segments.steps).T, net.struts
     bins = boxes_over(segments)
     at = partial(field_at, segments, bins)
-    return extremes_along(at, starts[n:], ends[n:], 1), extremes_along(at, starts[:n], ends[:n], -1)
+    rings = Rings((0.5,), (0.01,))
+    return extremes_of(at, starts[n:], ends[n:], rings, 1)[0], extremes_of(at, starts[:n], ends[:n], rings, -1)[0]
 
 
 @compiled_only
@@ -366,6 +367,17 @@ def test_the_window_opens_to_all_values_as_c_falls(exponent: int):
     assert (np.diff([window[1] for window in windows]) > 0.0).all()
     assert windows[0][0] - windows[0][1] > -1.95
     assert windows[-1] == pytest.approx((-1.0, 1.0), abs=1e-4)
+
+
+@compiled_only
+def test_what_lies_outside_the_boxes_is_void_and_moves_nothing_else():
+    segments = segments_of(net_of(jittered(tetrahedra((1, 1, 1)))))
+    bins = boxes_over(segments)
+    inside = segments.starts.T + segments.steps.T / 2.0
+    beyond = np.array([[1e3, 0.0, 0.0], [0.0, -1e3, 0.0], [0.0, 0.0, 1e18]])
+    values = field_at(segments, bins, np.concatenate([beyond, inside, -beyond]))
+    np.testing.assert_array_equal(values[3:-3], field_at(segments, bins, inside))
+    assert (values[[0, 1, 2, -3, -2, -1]] == -1.0).all()
 
 
 def test_lists_beyond_the_memory_are_refused(monkeypatch: pytest.MonkeyPatch):

@@ -22,10 +22,12 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 import numba
+import numpy as np
 from llvmlite import binding as llvm
 from numba import prange
+from numpy.typing import NDArray
 
-__all__ = ["kernel", "parallel_kernel", "prange"]
+__all__ = ["kernel", "parallel_kernel", "prange", "spread"]
 
 
 def _use_widest_vectors() -> None:
@@ -37,6 +39,8 @@ def _use_widest_vectors() -> None:
 
 
 _use_widest_vectors()
+
+_STRIDE = 64
 
 Kernel = TypeVar("Kernel", bound=Callable[..., Any])
 Fastmath = bool | frozenset[str]
@@ -87,6 +91,11 @@ def _compiled(function: Kernel | None, *, fastmath: Fastmath, **flags: bool) -> 
             numba.config.CACHE_DIR = user_folder
 
     return compiled if function is None else compiled(function)
+
+
+def spread(work: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return pieces of work (n,) in a stride, so that the equal shares of all threads take equal time."""
+    return work[np.argsort(np.arange(len(work)) % _STRIDE, kind="stable")]
 
 
 @cache

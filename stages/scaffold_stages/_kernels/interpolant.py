@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange
+from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange, spread
 from scaffold_stages._kernels.bases import BASES, basis_value, scale_of, shift_of
 from scaffold_stages._kernels.distances import (
     READINGS,
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 
-_STRIDE = 64  # rows are summed in this stride, so that the equal shares of all threads take equal time
 _MATRICES_AT_ONCE = 3  # the system, the eigensolver's copy of it and the eigenvectors
 _VECTORS_AT_ONCE = 50  # LAPACK's workspace
 _MARGIN = 10.0  # LAPACK's estimate of a condition number is seldom three times too small
@@ -137,8 +136,7 @@ def evaluate_on_grid(
     """Put s into `values` (nx, ny, nz), of either precision, where `near` (nx, ny, nz); `axes` are x, y and z, mm."""
     xs, ys, zs = (np.array(axis, np.float64) for axis in axes)
     rows = np.flatnonzero(near.any(axis=2))
-    spread = rows[np.argsort(np.arange(len(rows)) % _STRIDE, kind="stable")]
-    fill_rows(spread, xs, ys, zs, near, *_summands(elements, weights, basis, c), values)
+    fill_rows(spread(rows), xs, ys, zs, near, *_summands(elements, weights, basis, c), values)
 
 
 def _summands(

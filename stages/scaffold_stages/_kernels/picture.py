@@ -1,13 +1,20 @@
-"""A picture of a surface, drawn off-screen: for a child process, which a missing GL library would end."""
+"""Pictures of surfaces and meshes, drawn off-screen: in a child process, which a missing GL library would end."""
 
 from __future__ import annotations
 
 import os
+import sys
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+
+from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.isolation import call_in_child
 
 if TYPE_CHECKING:
     import pyvista
@@ -15,7 +22,14 @@ if TYPE_CHECKING:
 Image: TypeAlias = NDArray[np.uint8]
 Floats: TypeAlias = NDArray[np.float64]
 
+RENDER_SECONDS = 300.0
+"""Time for a picture; one of 8 million triangles takes half a minute on two busy cores, without a GPU."""
+
+_WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow") if sys.platform == "linux" else ("",)
+
 _BONE = "#f2e8d5"
+_STRUT, _CHANNEL = "#b08d57", "#2f6f9f"
+_STRUT_WIDTH, _CHANNEL_WIDTH = 10.0, 6.0  # pixels before shrinking
 _INK = (51, 55, 61)
 _WIDTH, _HEIGHT, _LEAST_SIDE = 1200, 960, 640  # pixels, without the foot, which holds the scale bar
 _FOOT, _MARGIN = 64, 24
@@ -38,6 +52,30 @@ class View:
     centre: Floats
 
 
+def draw_in_child(draw: Callable[..., dict[str, NDArray[Any]]], arrays: dict[str, NDArray[Any]], path: Path) -> str:
+    """Write what `draw` makes of `arrays` as the PNG file `path`; return its name, or why there is none.
+
+    A picture that cannot be drawn is a `PipelineWarning`: all else is complete without it.
+    """
+    reasons = []
+    for window in _WINDOWS:
+        try:
+            picture = call_in_child(draw, arrays, {"window": window}, seconds=RENDER_SECONDS, about=window or "VTK")
+        except StageError as error:
+            reasons.append(str(error))
+            continue
+        path.write_bytes(picture["png"].tobytes())
+        return path.name
+    reason = "; ".join(reasons)
+    warnings.warn(
+        f"no {path.name} was drawn: {reason}; off-screen drawing needs, on Debian, libegl1 and libgl1-mesa-dri; "
+        "all other files are complete",
+        PipelineWarning,
+        stacklevel=3,
+    )
+    return f"none: {reason}"
+
+
 def draw_surface(
     vertices: NDArray[np.floating], faces: NDArray[np.integer], window: str = ""
 ) -> dict[str, NDArray[Any]]:
@@ -46,14 +84,20 @@ def draw_surface(
     A three-quarter view in parallel projection, with a scale bar. `window` names the class of VTK's window;
     it counts only in a process that has not imported VTK yet.
     """
-    if window:
-        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
     view = frame(vertices)
-    image = _rendered(vertices - view.centre, faces, view)
-    bar = round_length(_BAR_SHARE * view.width * view.mm_per_pixel)
-    top = view.height - _MARGIN - _BAR_HEIGHT
-    image[top : top + _BAR_HEIGHT, _MARGIN : _MARGIN + round(bar / view.mm_per_pixel)] = _INK
-    return {"png": _png(image)}
+    return _drawn(vertices, view, lambda plotter: _add_surface(plotter, vertices - view.centre, faces), window)
+
+
+def draw_segments(struts: Floats, channels: Floats, window: str = "") -> dict[str, NDArray[Any]]:
+    """Return a PNG of struts (k, 2, 3) and, thinner and in blue, channels (h, 2, 3), mm; as `draw_surface` does."""
+    ends = np.concatenate([struts, channels]).reshape(-1, 3)
+    view = frame(ends)
+
+    def add(plotter: pyvista.Plotter) -> None:
+        _add_lines(plotter, struts - view.centre, _STRUT, _STRUT_WIDTH)
+        _add_lines(plotter, channels - view.centre, _CHANNEL, _CHANNEL_WIDTH)
+
+    return _drawn(ends, view, add, window)
 
 
 def frame(vertices: NDArray[np.floating]) -> View:
@@ -83,13 +127,33 @@ def round_length(most: float) -> float:
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most * (1.0 + 1e-9)))
 
 
-def _rendered(centred: Floats, faces: NDArray[np.integer], view: View) -> Image:
-    """Return the picture without its scale bar, (height, width, 3)."""
+def _drawn(
+    points: NDArray[np.floating], view: View, add: Callable[[pyvista.Plotter], None], window: str
+) -> dict[str, NDArray[Any]]:
+    """Return the PNG of what `add` puts into a plotter, all of it within the box of `points` (n, 3)."""
+    if window:
+        os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
     import pyvista as pv
 
-    size = (_OVERSAMPLING * view.width, _OVERSAMPLING * view.height)
+    size, extent = (_OVERSAMPLING * view.width, _OVERSAMPLING * view.height), np.ptp(points, axis=0)
+    length = float(np.linalg.norm(extent))
     plotter = pv.Plotter(off_screen=True, window_size=size, lighting="none")
     plotter.set_background("white")
+    add(plotter)
+    _light(plotter, length)
+    _aim(plotter, view, length)
+    _label(plotter, view, extent)
+    image = _shrunk(plotter.screenshot(None, return_img=True)[:, :, :3])
+    plotter.close()
+    bar = round_length(_BAR_SHARE * view.width * view.mm_per_pixel)
+    top = view.height - _MARGIN - _BAR_HEIGHT
+    image[top : top + _BAR_HEIGHT, _MARGIN : _MARGIN + round(bar / view.mm_per_pixel)] = _INK
+    return {"png": _png(image)}
+
+
+def _add_surface(plotter: pyvista.Plotter, centred: Floats, faces: NDArray[np.integer]) -> None:
+    import pyvista as pv
+
     mesh = pv.PolyData.from_regular_faces(centred.astype(np.float32), np.asarray(faces))
     is_smooth = len(faces) <= _SMOOTH_UP_TO
     if is_smooth:
@@ -102,12 +166,14 @@ def _rendered(centred: Floats, faces: NDArray[np.integer], view: View) -> Image:
         )
     shine = {"ambient": 0.38, "diffuse": 0.72, "specular": 0.1, "specular_power": 20}
     plotter.add_mesh(mesh, color=_BONE, smooth_shading=is_smooth, split_sharp_edges=False, **shine)
-    _light(plotter, mesh.length)
-    _aim(plotter, view, mesh.length)
-    _label(plotter, view, np.ptp(centred, axis=0))
-    image = plotter.screenshot(None, return_img=True)
-    plotter.close()
-    return _shrunk(image[:, :, :3])
+
+
+def _add_lines(plotter: pyvista.Plotter, segments: Floats, colour: str, width: float) -> None:
+    import pyvista as pv
+
+    if len(segments):
+        lines = pv.line_segments_from_points(segments.reshape(-1, 3))
+        plotter.add_mesh(lines, color=colour, line_width=width, render_lines_as_tubes=True)
 
 
 def _light(plotter: pyvista.Plotter, length: float) -> None:

@@ -14,6 +14,7 @@ and how many threads work changes no bit. This file has the field at points, `sh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -23,7 +24,7 @@ from numpy.typing import NDArray
 
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.memory import available_memory
-from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange
+from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange, spread
 
 if TYPE_CHECKING:
     from scaffold_stages._kernels.skeleton import Skeleton
@@ -34,9 +35,11 @@ Ints = NDArray[np.int64]
 Power = tuple[None, ...]
 """p / 2 as so many Nones: a length is part of a type, so that each has machine code of its own without a branch."""
 
-_GROUP, _LANES = 64, 16
-"""Points that are skipped at once, where they are out of reach, and that are summed at once: these are always as many,
-so that each is computed by the same instructions."""
+_LANES = 16
+"""Points that are summed at once: always as many, so that each is computed by the same instructions."""
+
+_PARTS = 4
+"""Parts of a box along each axis: points in one part, or in parts side by side, are summed at once."""
 
 FAST = frozenset({"contract", "nsz"})
 """Fused multiply-add and no signed zero. Nothing that reorders a sum: the order is part of the result."""
@@ -222,91 +225,91 @@ def quotient(solid: float, void: float) -> float:
 
 
 def field_at(segments: Segments, bins: Bins, points: Floats, precision: type[np.floating[Any]] = np.float64) -> Floats:
-    """Return s at `points` (n, 3), in the segments' units and within the boxes of `bins`, summed in a precision."""
-    order, used, firsts = _sorted_by_box(points, bins)
-    values = np.empty(len(points), precision)
+    """Return s at `points` (n, 3), in the segments' units, summed in a precision; void outside the boxes of `bins`."""
+    order, firsts = np.empty(len(points), np.int64), np.zeros(len(bins.offsets), np.int64)
+    _sort_by_box(points, bins.origin, bins.sizes, np.array(bins.shape), order, firsts)
+    values = np.full(len(points), -1.0, precision)
     _fill_points(
         segments.table.astype(precision, copy=False), segments.struts, (None,) * segments.power, bins.offsets,
-        bins.members, used, firsts, points.astype(precision), order, values,
+        bins.members, spread(np.flatnonzero(np.diff(firsts))), firsts, points, bins.origin, bins.sizes, order, values,
     )  # fmt: skip
     return values.astype(np.float64)
 
 
-def _sorted_by_box(points: Floats, bins: Bins) -> tuple[Ints, Ints, Ints]:
-    """Return an order of the points (n,) by box and eighth of it, the boxes that hold any, and the first of each."""
-    shape = np.array(bins.shape)
-    eighths, order = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
-    counts = np.zeros(8 * shape.prod() + 1, np.int64)
-    _count_in_eighths(points, bins.origin, bins.sizes, shape, eighths, counts)
-    firsts = counts.cumsum()
-    _sort_by_eighth(eighths, firsts[:-1].copy(), order)
-    used = np.flatnonzero(np.diff(firsts[::8]))
-    return order, used, np.append(firsts[8 * used], len(points))
-
-
 @kernel
-def _count_in_eighths(points: Floats, origin: Floats, sizes: Floats, shape: Ints, eighths: Ints, counts: Ints) -> None:
-    """Put eight times each point's box and the eighth of it into `eighths` (n,), how many lie in each into `counts`."""
+def _sort_by_box(points: Floats, origin: Floats, sizes: Floats, shape: Ints, order: Ints, firsts: Ints) -> None:
+    """Put the numbers of the points in boxes, by box, at the head of `order` (n,), where each begins into `firsts`."""
+    boxes = np.empty(len(points), np.int64)
     for n in range(len(points)):
-        box, eighth = 0, 0
+        boxes[n] = 0
         for axis in range(3):
-            place = (points[n, axis] - origin[axis]) / sizes[axis]
-            cell = min(max(int(place), 0), shape[axis] - 1)
-            box = box * shape[axis] + cell
-            eighth = 2 * eighth + (place - cell > 0.5)  # noqa: PLR2004 - the middle
-        eighths[n] = 8 * box + eighth
-        counts[eighths[n] + 1] += 1
-
-
-@kernel
-def _sort_by_eighth(eighths: Ints, cursors: Ints, order: Ints) -> None:
-    for n in range(len(eighths)):
-        order[cursors[eighths[n]]] = n
-        cursors[eighths[n]] += 1
+            cell = math.floor((points[n, axis] - origin[axis]) / sizes[axis])
+            is_out = boxes[n] < 0 or not 0 <= cell < shape[axis]
+            boxes[n] = -1 if is_out else boxes[n] * shape[axis] + cell
+        if boxes[n] >= 0:
+            firsts[boxes[n] + 1] += 1
+    cursors = firsts.cumsum()
+    firsts[:] = cursors
+    for n in range(len(points)):
+        if boxes[n] >= 0:
+            order[cursors[boxes[n]]] = n
+            cursors[boxes[n]] += 1
 
 
 @parallel_kernel(fastmath=FAST)
 def _fill_points(
     table: Floats, struts: int, power: Power, offsets: Ints, members: NDArray[np.int32], boxes: Ints, firsts: Ints,
-    points: Floats, order: Ints, values: Floats,
+    points: Floats, origin: Floats, sizes: Floats, order: Ints, values: Floats,
 ) -> None:  # fmt: skip
-    """Sum over the points of each box, `_GROUP` at once; `order` has them by box."""
+    """Sum over the points of each of the `boxes`, `_LANES` at once; `order` has them by box."""
     for number in prange(len(boxes)):
-        near = members[offsets[boxes[number]] : offsets[boxes[number] + 1]]
+        box = boxes[number]
+        near = members[offsets[box] : offsets[box + 1]]
         middle = np.searchsorted(near, struts)
-        xyz, sums = np.empty((3, _GROUP), table.dtype), np.empty((2, _GROUP), table.dtype)
-        for first in range(firsts[number], firsts[number + 1], _GROUP):
-            after = min(first + _GROUP, firsts[number + 1])
-            lanes = -(-(after - first) // _LANES) * _LANES
-            for lane in range(lanes):
-                n = order[min(first + lane, after - 1)]
+        solid, void = _gathered(table, near[:middle]), _gathered(table, near[middle:])
+        beyond, chosen = np.empty(len(near), table.dtype), np.empty(len(near), np.int64)
+        xyz, sums = np.empty((3, _LANES), table.dtype), np.empty((2, _LANES), table.dtype)
+        ours = _by_part(points, order[firsts[box] : firsts[box + 1]], origin, sizes)
+        for first in range(0, len(ours), _LANES):
+            after = min(first + _LANES, len(ours))
+            for lane in range(_LANES):
+                n = ours[min(first + lane, after - 1)]
                 xyz[0, lane], xyz[1, lane], xyz[2, lane] = points[n, 0], points[n, 1], points[n, 2]
-            _sum_points(table, near[:middle], power, xyz, lanes, sums[0])
-            _sum_points(table, near[middle:], power, xyz, lanes, sums[1])
+            ball = _ball_around(xyz)
+            _sum_weights(solid, chosen[: _within(solid, ball, beyond, chosen)], power, xyz, sums[0])
+            _sum_weights(void, chosen[: _within(void, ball, beyond, chosen)], power, xyz, sums[1])
             for n in range(first, after):
-                values[order[n]] = quotient(sums[0, n - first], sums[1, n - first])
+                values[ours[n]] = quotient(sums[0, n - first], sums[1, n - first])
 
 
-@kernel(fastmath=FAST)
-def _sum_points(table: Floats, near: NDArray[np.int32], power: Power, xyz: Floats, lanes: int, sums: Floats) -> None:
-    """Put the weights of the segments `near` at the first `lanes` points of `xyz` (3, _GROUP) into `sums`."""
-    sums[:] = _ZERO
-    x, y, z, radius = _ball_around(xyz[:, :lanes])
-    for member in near:
-        row = table[member]
-        ax, ay, az, dx, dy, dz, inverse_length = row[0], row[1], row[2], row[3], row[4], row[5], row[6]
-        shape, c1, inverse_reach = row[7], row[8], row[9]
-        wx, wy, wz = x - ax, y - ay, z - az
-        away = _squared_offset(wx, wy, wz, dx, dy, dz, wx * dx + wy * dy + wz * dz, inverse_length)
-        if away > (row[10] + radius) * (row[10] + radius) * SLACK:
-            continue
-        for vector in range(lanes // _LANES):
-            for offset in range(_LANES):
-                lane = np.uint64(vector * _LANES + offset)
-                vx, vy, vz = xyz[0, lane] - ax, xyz[1, lane] - ay, xyz[2, lane] - az
-                along = vx * dx + vy * dy + vz * dz
-                q = shape + _squared_offset(vx, vy, vz, dx, dy, dz, along, inverse_length)
-                sums[lane] += weight(q, _ONE / q, c1, inverse_reach, power)
+@kernel
+def _gathered(table: Floats, near: NDArray[np.int32]) -> Floats:
+    """Return the rows `near` of `table` as columns, (11, n): what stands side by side can be read as a vector."""
+    columns = np.empty((table.shape[1], len(near)), table.dtype)
+    for n in range(len(near)):
+        for column in range(len(columns)):
+            columns[column, n] = table[near[n], column]
+    return columns
+
+
+@kernel
+def _by_part(points: Floats, ours: Ints, origin: Floats, sizes: Floats) -> Ints:
+    """Return the points' numbers `ours` (n,), all of one box, in the order of its parts."""
+    parts = np.empty(len(ours), np.int64)
+    cursors = np.zeros(_PARTS**3 + 1, np.int64)
+    for n in range(len(ours)):
+        part = 0
+        for axis in range(3):
+            place = _PARTS * (points[ours[n], axis] - origin[axis]) / sizes[axis]
+            part = part * _PARTS + int(place) % _PARTS
+        parts[n] = part
+        cursors[part + 1] += 1
+    cursors = cursors.cumsum()
+    sorted_ones = np.empty_like(ours)
+    for n in range(len(ours)):
+        sorted_ones[cursors[parts[n]]] = ours[n]
+        cursors[parts[n]] += 1
+    return sorted_ones
 
 
 @kernel
@@ -317,3 +320,37 @@ def _ball_around(xyz: Floats) -> tuple[float, float, float, float]:
     low_z, high_z = xyz[2].min(), xyz[2].max()
     x, y, z = half * (low_x + high_x), half * (low_y + high_y), half * (low_z + high_z)
     return x, y, z, np.sqrt((high_x - x) ** 2 + (high_y - y) ** 2 + (high_z - z) ** 2)
+
+
+@kernel(fastmath=FAST)
+def _within(rows: Floats, ball: tuple[float, float, float, float], beyond: Floats, chosen: Ints) -> int:
+    """Put the numbers of the `rows` that reach into a ball into `chosen`, return how many; `beyond` is for scratch."""
+    x, y, z, radius = ball
+    for number in range(rows.shape[1]):
+        n = np.uint64(number)
+        wx, wy, wz = x - rows[0, n], y - rows[1, n], z - rows[2, n]
+        dx, dy, dz, reach = rows[3, n], rows[4, n], rows[5, n], rows[10, n] + radius
+        away = _squared_offset(wx, wy, wz, dx, dy, dz, wx * dx + wy * dy + wz * dz, rows[6, n])
+        beyond[n] = away - reach * reach * SLACK
+    count = 0
+    for number in range(rows.shape[1]):
+        chosen[count] = number
+        count += beyond[number] <= _ZERO
+    return count
+
+
+@kernel(fastmath=FAST)
+def _sum_weights(rows: Floats, chosen: Ints, power: Power, xyz: Floats, sums: Floats) -> None:
+    """Put the weights of the `chosen` of `rows` at the points `xyz` (3, `_LANES`) into `sums`."""
+    sums[:] = _ZERO
+    for n in chosen:
+        ax, ay, az, dx, dy, dz, inverse_length = (
+            rows[0, n], rows[1, n], rows[2, n], rows[3, n], rows[4, n], rows[5, n], rows[6, n],
+        )  # fmt: skip
+        shape, c1, inverse_reach = rows[7, n], rows[8, n], rows[9, n]
+        for offset in range(_LANES):
+            lane = np.uint64(offset)
+            vx, vy, vz = xyz[0, lane] - ax, xyz[1, lane] - ay, xyz[2, lane] - az
+            along = vx * dx + vy * dy + vz * dz
+            q = shape + _squared_offset(vx, vy, vz, dx, dy, dz, along, inverse_length)
+            sums[lane] += weight(q, _ONE / q, c1, inverse_reach, power)

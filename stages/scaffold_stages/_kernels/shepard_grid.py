@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange
+from scaffold_stages._kernels._jit import kernel, parallel_kernel, prange, spread
 from scaffold_stages._kernels.shepard import FAST, LEAST_SHAPE, SLACK, Bins, Power, Segments, quotient, weight
 
 Floats = NDArray[np.float64]
@@ -38,9 +38,6 @@ _BRICK, _BRICKS = 4, 64
 
 _LANES, _SAMPLES = np.uint64(16), np.uint64(64)
 """Columns of a brick and samples in it; unsigned: an index that may be negative keeps a loop from being a vector's."""
-
-_STRIDE = 64
-"""Tiles are worked on in this stride, so that the equal shares of all threads take equal time."""
 
 _ONE: Any = np.float32(1.0)  # a plain 1.0 would make everything that it meets double precision
 _ZERO: Any = np.float32(0.0)
@@ -77,10 +74,9 @@ def field_on_tiles(
     tiles = -(-np.array(values.shape) // TILE)
     tiles_per_box = np.rint(bins.sizes / (TILE * spacing)).astype(np.int64)
     half_reached = np.zeros(len(active), np.int64)
-    spread = active[np.argsort(np.arange(len(active)) % _STRIDE, kind="stable")]
     _fill_tiles(
         _table(segments, origin, spacing), segments.struts, (None,) * segments.power, bins.offsets, bins.members,
-        np.array(bins.shape), tiles_per_box, tiles, spread, inside, values, half_reached,
+        np.array(bins.shape), tiles_per_box, tiles, spread(active), inside, values, half_reached,
     )  # fmt: skip
     return int(half_reached.sum())
 

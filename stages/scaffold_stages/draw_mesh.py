@@ -1,0 +1,28 @@
+"""Stage `draw_mesh`: a picture of a mesh, its edges as struts and its channels, to look at beside the solid."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from scaffold_pipeline.artifacts import CellMesh, WrittenFiles
+from scaffold_pipeline.contract import Params, stage
+from scaffold_stages._kernels.picture import draw_in_child, draw_segments
+from scaffold_stages._kernels.skeleton import skeleton_of
+
+
+class DrawMeshParams(Params):
+    """Parameters of `draw_mesh`."""
+
+    channels: bool = True
+    """Whether the channels, cell centre to face centre, are drawn too, thinner and in blue."""
+
+
+@stage(writes="mesh_picture", version=1)
+def draw_mesh(mesh: CellMesh, *, params: DrawMeshParams, out: Path) -> WrittenFiles:
+    """Draw the edges of a mesh, and its channels, as `mesh.png`, in the view that `preview.png` has."""
+    skeleton = skeleton_of(mesh.vertices, mesh.cells)
+    channels = np.stack([skeleton.channel_starts, skeleton.channel_ends], axis=1)
+    arrays = {"struts": mesh.vertices[mesh.edges], "channels": channels[: len(channels) if params.channels else 0]}
+    return WrittenFiles({"mesh_picture": draw_in_child(draw_segments, arrays, out / "mesh.png")})
