@@ -25,7 +25,7 @@ _NUDGE = 1e-3
 """Samples nearer to the iso than this, in the greatest change from sample to sample, are moved away from it: lines
 through a sample would touch there."""
 
-_FLAT = 0.01
+_FLAT = 1e-3
 """Points of an iso-line nearer to the line between their neighbours than this, in samples, go: less than it is off."""
 
 
