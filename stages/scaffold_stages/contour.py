@@ -32,6 +32,9 @@ class ContourParams(Params):
     iso: Annotated[float | None, Unit("field value")] = None
     """The field's value at the contour, instead of a porosity: solid is where the field is above it."""
 
+    min_piece: Share = Field(default=0.0, ge=0.0, lt=1.0)
+    """Pieces below this share of the outline's area go, as slivers do that an outer shape cuts off; 0 keeps all."""
+
     @model_validator(mode="after")
     def _one_target(self) -> ContourParams:
         if (self.porosity is None) == (self.iso is None):
@@ -53,14 +56,17 @@ def contour(field: ScalarField, mesh: PlanarMesh, outer: OuterShape | None = Non
         outline ^= sections.section_at(outer.vertices, outer.faces, mesh.z)
     if outline.is_empty():
         raise StageError(f"nothing of the mesh lies in the section of the outer shape at z = {mesh.z:g} mm; move one")
-    search = _Search(field, outline)
+    search = _Search(field, outline, params.min_piece)
     iso = _iso_of(search, params.porosity) if params.iso is None else params.iso
     if not search.least <= iso < search.greatest:
         raise StageError(
             f"iso {iso:g}: no contour within the outline, where the field runs from {search.least:.4g} to "
             f"{search.greatest:.4g}; choose a value between"
         )
-    solid, whole = (Polygons.of(sections.rings_of(region)) for region in (search.solid_at(iso), outline))
+    region = search.solid_at(iso)
+    if region.is_empty():
+        raise StageError(f"iso {iso:g}: no piece of solid is left within the outline; lower min_piece or iso")
+    solid, whole = (Polygons.of(sections.rings_of(each)) for each in (region, outline))
     return Contour(solid, whole, mesh.z, iso, params.porosity)
 
 
@@ -78,9 +84,10 @@ def _require_planar(field: ScalarField, mesh: PlanarMesh) -> None:
 class _Search:
     """What a porosity is a function of: the field within an outline, where it runs from `least` to `greatest`."""
 
-    def __init__(self, field: ScalarField, outline: Region) -> None:
+    def __init__(self, field: ScalarField, outline: Region, min_piece: float) -> None:
         self.values: NDArray[np.float32] = field.values[:, :, 0]
         self.origin, self.spacing, self.outline = field.origin[:2], field.spacing, outline
+        self.least_area = min_piece * float(outline.area())
         pixels = [(ring - self.origin) / self.spacing for ring in sections.rings_of(outline)]
         samples = self.values[sections.fill(pixels, (self.values.shape[0], self.values.shape[1]))]
         if not len(samples) or samples.min() == samples.max():
@@ -88,8 +95,9 @@ class _Search:
         self.least, self.greatest = float(samples.min()), float(samples.max())
 
     def solid_at(self, iso: float) -> Region:
-        """Return what is solid at an iso, cut to the outline."""
-        return sections.region_above(self.values, iso, self.origin, self.spacing) ^ self.outline
+        """Return what is solid at an iso, cut to the outline, without small pieces."""
+        whole = sections.region_above(self.values, iso, self.origin, self.spacing) ^ self.outline
+        return sections.without_small(whole, self.least_area) if self.least_area else whole
 
     def porosity_at(self, iso: float) -> float:
         """Return the share of the outline's area that is not solid at an iso."""

@@ -78,7 +78,10 @@ def _failed_gates(values: dict[str, Fact], params: MeasurePlateParams) -> Iterat
     if params.gate_manifold and not values["is_manifold"]:
         yield "manifold: the plate has open, non-manifold or touching parts; use other voxels, or another porosity"
     if params.gate_one_piece and values["solid_pieces"] != 1:
-        yield f"one_piece: {values['solid_pieces']} pieces instead of 1; lower porosity or iso, or jitter less"
+        yield (
+            f"one_piece: {values['solid_pieces']} pieces instead of 1; lower porosity or iso, or let contour drop "
+            "slivers (min_piece)"
+        )
     porosity, asked = _number(values["porosity"]), values["porosity_requested"]
     if params.gate_porosity and asked is not None and abs(porosity - _number(asked)) > params.porosity_tolerance:
         yield (

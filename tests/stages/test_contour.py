@@ -112,6 +112,19 @@ def test_an_outer_shape_cuts_to_its_section_in_the_plane():
     assert half.iso == pytest.approx(0.0, abs=2e-3)
 
 
+def test_small_pieces_go_where_that_is_asked_for_and_the_porosity_is_met_without_them():
+    def one_and_specks(x, y):
+        return np.maximum(2.5 - np.hypot(x, y), 0.3 - np.hypot(np.abs(x) - 3.3, np.abs(y) - 3.3))
+
+    assert contour_of(one_and_specks, iso=0.0).pieces == 5
+    found = contour_of(one_and_specks, iso=0.0, min_piece=0.01)
+    assert (found.pieces, found.solid.area) == (1, pytest.approx(6.25 * np.pi, rel=1e-3))
+    met = contour_of(one_and_specks, porosity=0.7, min_piece=0.01)
+    assert (met.pieces, met.porosity) == (1, pytest.approx(0.7, abs=1e-3))
+    with pytest.raises(StageError, match=r"^iso 0: no piece of .* lower min_piece or iso$"):
+        contour_of(one_and_specks, iso=0.0, min_piece=0.5)
+
+
 def test_an_outer_shape_beside_the_mesh_is_an_error():
     with pytest.raises(StageError, match=r"^nothing of the mesh lies in the section of the outer shape at z = 5 mm; "):
         contour_of(dots, outer=OuterShape(*box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))), iso=0.0)

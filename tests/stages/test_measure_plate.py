@@ -82,7 +82,7 @@ FAULTS = {
     "manifold": (lambda: {"solid": opened(), "porosity_tolerance": 0.1}, "manifold: the plate has open, non-manifold"),
     "one_piece": (
         lambda: {"solid": plate(box((20.0, 0.0, 1.0), (20.1, 0.1, 1.1)))},
-        "one_piece: 2 pieces instead of 1; lower porosity or iso, or jitter less",
+        "one_piece: 2 pieces instead of 1; lower porosity or iso, or let contour drop",
     ),
     "porosity": (
         lambda: {"solid": plate(), "contour": replace(CONTOUR, porosity_requested=0.206)},

@@ -66,6 +66,13 @@ def pieces_of(region: Region) -> list[Region]:
     return list(region.decompose())
 
 
+def without_small(region: Region, least: float) -> Region:
+    """Return a region without its pieces of an area below `least` mm^2."""
+    import manifold3d
+
+    return manifold3d.CrossSection.compose([piece for piece in pieces_of(region) if piece.area() >= least])
+
+
 def outline_of(vertices: Floats, cells: dict[str, Ints]) -> Region:
     """Return the region that tiles cover: `vertices` (n, 3), kind -> (m, corners), counter-clockwise.
 
@@ -93,9 +100,9 @@ def fill(rings: Sequence[Floats], shape: tuple[int, int]) -> Bools:
     row = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts, counts) + first[edge]
     share = (row - starts[edge, 0]) / (ends[edge, 0] - starts[edge, 0])
     column = starts[edge, 1] + share * (ends[edge, 1] - starts[edge, 1])
-    turns = np.zeros((shape[0], shape[1] + 1), np.int64)
+    turns = np.zeros((shape[0], shape[1] + 1), np.uint8)  # sums wrap around at 256: odd stays odd
     np.add.at(turns, (row, np.clip(np.ceil(column), 0, shape[1]).astype(int)), 1)
-    return np.asarray(np.cumsum(turns[:, :-1], axis=1) % 2 == 1)
+    return np.asarray(np.cumsum(turns[:, :-1], axis=1, dtype=np.uint8) % 2 == 1)
 
 
 def prism(rings: Sequence[Floats], low: float, high: float) -> tuple[Floats, Ints]:
