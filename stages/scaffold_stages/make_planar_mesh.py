@@ -17,14 +17,14 @@ Count = Annotated[int, Field(ge=1, le=1000)]
 class MakePlanarMeshParams(Params):
     """Parameters of `make_planar_mesh`."""
 
-    kind: Literal["triangle", "quadrangle", "triangles", "quadrangles", "disc"] = "quadrangles"
+    kind: Literal["triangle", "quadrangle", "triangles", "quadrangles", "disc"] = "quadrangle"
     """One equilateral triangle, one square, a rectangle of either, or a disc of triangles."""
 
-    counts: tuple[Count, Count] = (1, 1)
-    """Squares along x and y, or triangles along the lower side and rows of them; a disc has `rings`."""
+    counts: tuple[Count, Count] | None = None
+    """Squares along x and y, or triangles along the lower side and rows of them; a rectangle needs it."""
 
     rings: Count | None = None
-    """Rings of triangles around the middle of a disc; 6 k edges make up the k-th."""
+    """Rings of triangles around the middle of a disc, which needs it; 6 k edges make up the k-th."""
 
     edge: Millimetres = Field(default=1.0, gt=0.0)
     """Length of the edges; in a disc of those along its spokes, so that its radius is rings x edge."""
@@ -34,11 +34,15 @@ class MakePlanarMeshParams(Params):
 
     @model_validator(mode="after")
     def _only_what_applies(self) -> MakePlanarMeshParams:
-        if "counts" in self.model_fields_set and self.kind not in {"triangles", "quadrangles"}:
-            raise ValueError(f"counts: has no meaning with kind: {self.kind}; leave it out")
-        if (self.rings is None) == (self.kind == "disc"):
-            is_disc = self.kind == "disc"
-            raise ValueError("rings: a disc needs it" if is_disc else "rings: only a disc has them; leave it out")
+        needed = {"triangles": "counts", "quadrangles": "counts", "disc": "rings"}.get(self.kind)
+        for name in ("counts", "rings"):
+            if (getattr(self, name) is None) == (name == needed):
+                rule = (
+                    "is needed with kind: {}; give it"
+                    if name == needed
+                    else "has no meaning with kind: {}; leave it out"
+                )
+                raise ValueError(f"{name}: {rule.format(self.kind)}")
         return self
 
 
@@ -54,7 +58,7 @@ def make_planar_mesh(*, params: MakePlanarMeshParams) -> PlanarMesh:
         places, tiles = np.array([(0.0, 0.0), (1.0, 0.0), (0.5, np.sqrt(0.75))]), np.array([(0, 1, 2)])
     else:
         make = _triangles if params.kind == "triangles" else _squares
-        places, tiles = make(*params.counts)
+        places, tiles = make(*(params.counts or (1, 1)))
     centred = places - (places.min(axis=0) + places.max(axis=0)) / 2.0
     vertices = np.insert(params.edge * centred, 2, params.z, axis=1)
     return PlanarMesh(vertices, quadrangles=tiles) if "quad" in params.kind else PlanarMesh(vertices, triangles=tiles)

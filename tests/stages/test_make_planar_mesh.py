@@ -73,12 +73,19 @@ def test_a_disc_has_the_symmetry_of_a_hexagon():
     ("given", "said"),
     [
         ({"kind": "triangle", "counts": (2, 2)}, "counts: has no meaning with kind: triangle; leave it out"),
-        ({"kind": "disc"}, "rings: a disc needs it"),
-        ({"kind": "quadrangles", "rings": 3}, "rings: only a disc has them; leave it out"),
-        ({"counts": (0, 2)}, "greater than or equal to 1"),
+        ({"kind": "disc"}, "rings: is needed with kind: disc; give it"),
+        ({"kind": "triangles"}, "counts: is needed with kind: triangles; give it"),
+        ({"kind": "quadrangles", "counts": (1, 1), "rings": 3}, "rings: has no meaning with kind: quadrangles; leave"),
+        ({"kind": "triangles", "counts": (0, 2)}, "greater than or equal to 1"),
         ({"edge": 0.0}, "greater than 0"),
     ],
 )
 def test_what_makes_no_mesh_is_no_parameter(given: dict[str, object], said: str):
     with pytest.raises(ValidationError, match=said):
         made(**given)
+
+
+@pytest.mark.parametrize("given", [{}, {"kind": "disc", "rings": 2}, {"kind": "triangles", "counts": (2, 3)}])
+def test_parameters_with_every_default_written_out_are_accepted_again(given: dict[str, object]):
+    params = MakePlanarMeshParams.model_validate(given)
+    assert MakePlanarMeshParams.model_validate(params.model_dump(mode="json")) == params
