@@ -28,7 +28,6 @@ through a sample would touch there."""
 _FLAT = 1e-3
 """Points of an iso-line nearer to the line between their neighbours than this, in samples, go: less than it is off."""
 
-
 _STRAIGHT = 1e-6
 """mm: an outline that bends by less is straight, but for the rounding of booleans and of single precision."""
 
