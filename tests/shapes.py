@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import permutations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.artifacts import OuterShape, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, ScalarField, VolumeMesh
 from scaffold_stages._kernels import triangles
 
 Floats = NDArray[np.float64]
@@ -79,6 +80,25 @@ def hexahedra(counts: tuple[int, int, int], edge: float = 1.0) -> VolumeMesh:
     corners = np.array([np.array(cell) + cube for cell in product(*map(range, counts))])
     lattice, cells = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
     return VolumeMesh(edge * lattice.astype(float), hexahedra=cells.reshape(-1, 8).astype(np.int64))
+
+
+def squares(counts: tuple[int, int], edge: float = 1.0, z: float = 0.0) -> PlanarMesh:
+    """Fill a rectangle centred over the origin with squares."""
+    ring = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    corners = np.array([np.array(cell) + ring for cell in product(*map(range, counts))])
+    lattice, tiles = np.unique(corners.reshape(-1, 2), axis=0, return_inverse=True)
+    places = edge * (lattice - np.array(counts) / 2.0)
+    return PlanarMesh(np.insert(places, 2, z, axis=1), quadrangles=tiles.reshape(-1, 4).astype(np.int64))
+
+
+def planar_field(
+    values: Callable[[Floats, Floats], Floats], half: float, spacing: float, z: float = 0.0
+) -> ScalarField:
+    """Return a field over a square of 2 x `half` around the origin, and three samples around it."""
+    count = int(np.ceil(half / spacing)) + 3
+    along = spacing * np.arange(-count, count + 1)
+    x, y = np.meshgrid(along, along, indexing="ij")
+    return ScalarField(values(x, y).astype(np.float32)[:, :, None], np.array([along[0], along[0], z]), spacing)
 
 
 def samples_over(low: Point, high: Point, spacing: float, margin: int = 3) -> tuple[Floats, Floats]:

@@ -146,18 +146,20 @@ def _read_fault(entry: StageDraft, argument: str, slot: str, slots: Mapping[str,
     written = slots[slot]
     if not issubclass(written.type, read.type):
         got, by = written.type.__name__, written.by
-        return f"reads slot {slot!r} as {read.type.__name__}, but stages.{by.index} ({by.use}) writes a {got}"
+        others = ", ".join(_writers(slot, read.type))
+        remedy = f"write it by one of: {others}, or leave this stage out" if others else "leave this stage out"
+        return f"reads slot {slot!r} as {read.type.__name__}, but stages.{by.index} ({by.use}) writes a {got}; {remedy}"
     return None
 
 
-def _writers(slot: str) -> list[str]:
-    """Return the installed stages that write `slot` without reading it."""
+def _writers(slot: str, kind: type[Artifact] = Artifact) -> list[str]:
+    """Return the installed stages that write `slot` as a `kind` without reading it."""
     writers = []
     for name in stage_names():
         try:
             stage = load_stage(name)
         except StageDefinitionError:
             continue  # a broken plug-in is named when it is used
-        if stage.writes == slot and slot not in stage.reads:
+        if stage.writes == slot and slot not in stage.reads and issubclass(stage.output, kind):
             writers.append(name)
     return writers

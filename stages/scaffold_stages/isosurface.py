@@ -59,7 +59,10 @@ def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParam
     gives the porosity the nearest is taken, with a warning.
     """
     if field.values.shape[2] == 1:
-        raise StageError("the field is one layer of samples, which bounds no solid; give its grid more along z")
+        raise StageError(
+            "the field is one layer of samples, which bounds no solid; give its grid more along z, or use contour and "
+            "extrude for a plate"
+        )
     inside = samples_inside(outer.vertices, outer.faces, field.origin, field.spacing, field.values.shape)
     samples = np.sort(field.values[inside])
     if not len(samples) or samples[0] == samples[-1]:

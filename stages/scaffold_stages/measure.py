@@ -11,7 +11,6 @@ from pydantic import Field, field_validator
 from scaffold_pipeline.artifacts import (
     Fact,
     Floats,
-    Ints,
     IsoSurface,
     Metrics,
     OuterShape,
@@ -89,6 +88,7 @@ def measure(
     The solid is put through the bytes of an STL and read back, merged by position as every reader does:
     `write_solid` writes the same bytes, wherever it stands in the config.
     """
+    from scaffold_stages._kernels.shells import shell_facts
     from scaffold_stages._kernels.stl import from_stl, to_stl
 
     vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))
@@ -98,7 +98,7 @@ def measure(
         "porosity_requested": porous.porosity_requested,
         "iso": porous.iso,
         **(field.certificate.at(porous.iso) if field.certificate else {}),
-        **_shell_facts(vertices, faces),
+        **shell_facts(vertices, faces),
         **_pore_facts(solid.pore_volumes),
         **(_thickness_facts(file, outer, mesh, _ON_OUTER * field.spacing, porous.skin) if mesh else {}),
         **{f"size_{axis}_mm": float(size) for axis, size in zip("xyz", np.ptp(file.bounds, axis=0), strict=True)},
@@ -132,20 +132,6 @@ def _warn_of_thin_parts(field: ScalarField, iso: float, values: dict[str, Fact])
         PipelineWarning,
         stacklevel=3,
     )
-
-
-def _shell_facts(vertices: Floats, faces: Ints) -> dict[str, Fact]:
-    from scaffold_stages._kernels.triangles import edge_faults, face_pieces, piece_volumes, touching_vertices
-
-    faults = edge_faults(faces)
-    volumes = piece_volumes(vertices, faces, face_pieces(faces))
-    pieces = volumes[volumes > 0.0]
-    return {
-        "is_manifold": not any(faults) and touching_vertices(faces) == 0,
-        "solid_pieces": len(pieces),
-        "solid_largest_fraction": float(pieces.max() / pieces.sum()) if len(pieces) else 0.0,
-        "closed_pores": int((volumes < 0.0).sum()),
-    }
 
 
 def _pore_facts(volumes: Floats) -> dict[str, Fact]:

@@ -73,7 +73,7 @@ def test_a_slot_of_the_wrong_type_is_a_fault_at_its_source(project: Project):
     )
     assert fault == (
         "config.yaml:7:7: stages.2 (grow_points): reads slot 'picture' as Points, "
-        "but stages.1 (draw_points) writes a Picture"
+        "but stages.1 (draw_points) writes a Picture; leave this stage out"
     )
 
 

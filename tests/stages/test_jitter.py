@@ -11,7 +11,8 @@ from scaffold_pipeline.artifacts import VolumeMesh
 from scaffold_pipeline.cell_types import cell_volumes
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_stages import jitter as module
-from scaffold_stages.jitter import LEAST_SHARE, JitterParams, jitter
+from scaffold_stages._kernels.moving import LEAST_SHARE, parts_of, random_steps, sound_move
+from scaffold_stages.jitter import JitterParams, jitter
 from shapes import hexahedra, tetrahedra
 
 MESH = tetrahedra((4, 5, 6), 2.0, (10.0, -5.0, 3.0))
@@ -173,7 +174,7 @@ def test_a_little_movement_holds_nothing_back():
 @pytest.mark.parametrize("seed", range(5))
 def test_no_cell_turns_over_however_much_an_ugly_mesh_is_moved(boundary: str, seed: int):
     mesh = ugly(seed)
-    steps = module._random_steps(mesh, 0.49, np.random.default_rng(seed))
+    steps = random_steps(mesh.vertices, mesh.cells, 0.49, np.random.default_rng(seed), 3)
     assert (cell_volumes(mesh.vertices + steps, mesh.tetrahedra, "tetrahedron") < 0.0).sum() > 10  # unguarded
 
     moved = jittered(mesh, seed, amount=0.49, boundary=boundary)
@@ -186,11 +187,11 @@ def test_no_cell_turns_over_however_much_an_ugly_mesh_is_moved(boundary: str, se
 def test_hexahedra_stay_seen_from_their_centres():
     mesh = hexahedra((5, 5, 5))
     squashed = VolumeMesh(mesh.vertices * [1.0, 1.0, 0.15], hexahedra=mesh.hexahedra)
-    steps = module._random_steps(squashed, 0.49, np.random.default_rng(2))
-    unguarded = module._parts(squashed.vertices + steps, mesh.hexahedra, "hexahedron")
+    steps = random_steps(squashed.vertices, squashed.cells, 0.49, np.random.default_rng(2), 3)
+    unguarded = parts_of(squashed.vertices + steps, mesh.hexahedra, "hexahedron")
     assert (unguarded < 0.0).any()
     moved = jittered(squashed, 2, amount=0.49)
-    assert (module._parts(moved.vertices, mesh.hexahedra, "hexahedron") > 0.0).all()
+    assert (parts_of(moved.vertices, mesh.hexahedra, "hexahedron") > 0.0).all()
     assert moved.facts["vertices_held_back"] > 0
 
 
@@ -198,7 +199,7 @@ def test_the_parts_of_a_cell_add_up_to_it():
     for mesh in (MESH, hexahedra((2, 2, 2))):
         for kind, cells in mesh.cells.items():
             moved = mesh.vertices + 0.1 * np.random.default_rng(1).normal(size=mesh.vertices.shape)
-            parts = module._parts(moved, cells, kind).sum(axis=1)
+            parts = parts_of(moved, cells, kind).sum(axis=1)
             assert parts == pytest.approx(cell_volumes(moved, cells, kind), rel=1e-9)
 
 
@@ -208,7 +209,7 @@ def test_only_cells_in_danger_hold_their_vertices_back():
     near = np.linalg.norm(mesh.vertices - [1.0, 1.0, 1.0], axis=1)
     steps[near == 0.0] = [0.0, 0.0, 1.5]  # out of all its cells
     steps[mesh.vertices[:, 0] >= 5.0] = [0.0, 0.1, 0.0]
-    moved, scales = module._sound_move(mesh, steps, np.zeros(len(steps), bool))
+    moved, scales = sound_move(mesh.vertices, mesh.cells, steps)
     assert scales[near == 0.0] == pytest.approx(0.5)
     assert (scales[near > 2.0] == 1.0).all()
     assert np.array_equal(moved[near > 4.5], (mesh.vertices + steps)[near > 4.5])
@@ -216,12 +217,11 @@ def test_only_cells_in_danger_hold_their_vertices_back():
 
 def test_the_order_of_cells_and_vertices_decides_nothing():
     mesh, rng = ugly(), np.random.default_rng(8)
-    steps = module._random_steps(mesh, 0.49, rng)
-    free = np.zeros(len(steps), bool)
-    moved, scales = module._sound_move(mesh, steps, free)
+    steps = random_steps(mesh.vertices, mesh.cells, 0.49, rng, 3)
+    moved, scales = sound_move(mesh.vertices, mesh.cells, steps)
     order, cells = rng.permutation(len(steps)), rng.permutation(len(mesh.tetrahedra))
     other = VolumeMesh(mesh.vertices[order], np.argsort(order)[mesh.tetrahedra][cells])
-    other_moved, other_scales = module._sound_move(other, steps[order], free)
+    other_moved, other_scales = sound_move(other.vertices, other.cells, steps[order])
     assert (scales < 1.0).any()
     assert np.array_equal(other_scales, scales[order])
     assert np.array_equal(other_moved, moved[order])
@@ -232,9 +232,9 @@ def test_a_cell_folded_to_begin_with_folds_no_further():
     vertices = mesh.vertices.copy()
     vertices[np.linalg.norm(vertices - 1.0, axis=1) == 0.0] += 0.75
     folded = VolumeMesh(vertices, hexahedra=mesh.hexahedra)
-    before = module._parts(vertices, mesh.hexahedra, "hexahedron")
+    before = parts_of(vertices, mesh.hexahedra, "hexahedron")
     is_folded = (before <= 0.0).any(axis=1)
     assert is_folded.any()
-    after = module._parts(jittered(folded, amount=0.4).vertices, mesh.hexahedra, "hexahedron")
+    after = parts_of(jittered(folded, amount=0.4).vertices, mesh.hexahedra, "hexahedron")
     assert (after >= before)[is_folded].all()
     assert (after[~is_folded] > 0.0).all()

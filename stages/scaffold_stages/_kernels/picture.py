@@ -148,7 +148,7 @@ def _drawn(
     bar = round_length(_BAR_SHARE * view.width * view.mm_per_pixel)
     top = view.height - _MARGIN - _BAR_HEIGHT
     image[top : top + _BAR_HEIGHT, _MARGIN : _MARGIN + round(bar / view.mm_per_pixel)] = _INK
-    return {"png": _png(image)}
+    return {"png": to_png(image)}
 
 
 def _add_surface(plotter: pyvista.Plotter, centred: Floats, faces: NDArray[np.integer]) -> None:
@@ -213,7 +213,7 @@ def _shrunk(image: Image) -> Image:
     return mean.round().astype(np.uint8)
 
 
-def _png(image: Image) -> Image:
+def to_png(image: Image) -> Image:
     """Return the bytes of a PNG file of `image`, (height, width, 3)."""
     import pyvista as pv
     from vtkmodules.util.numpy_support import vtk_to_numpy

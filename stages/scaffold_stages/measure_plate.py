@@ -1,0 +1,100 @@
+"""Stage `measure_plate`: what the written file of a plate will hold, measured and judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from pydantic import Field
+
+from scaffold_pipeline.artifacts import Certificate, Fact, Metrics, PlanarMesh, ScalarField, Solid, SurfaceMesh
+from scaffold_pipeline.contract import Params, Share, stage
+from scaffold_pipeline.polygons import Contour
+
+
+class MeasurePlateParams(Params):
+    """Parameters of `measure_plate`: a switch for each quality gate, and how much it lets pass."""
+
+    porosity_tolerance: Share = Field(default=0.005, gt=0.0, lt=1.0)
+    """How far the porosity may be from the one asked for."""
+
+    gate_manifold: bool = True
+    """Whether an open or non-manifold plate fails."""
+
+    gate_one_piece: bool = True
+    """Whether a plate of several pieces fails."""
+
+    gate_porosity: bool = True
+    """Whether a porosity off the one asked for fails."""
+
+    gate_struts_whole: bool = True
+    """Whether an iso at which struts are broken fails, by the field's certificate."""
+
+
+@stage(writes="metrics", version=1)
+def measure_plate(
+    solid: Solid, contour: Contour, field: ScalarField, mesh: PlanarMesh | None = None, *, params: MeasurePlateParams
+) -> Metrics:
+    """Measure a plate as a file gives it back, and check it against the quality gates.
+
+    Its porosity is 1 - (its volume) / (area within the contour's outline x its height). Pores need not hang together:
+    between whole struts each is a hole of its own.
+    """
+    from scaffold_stages._kernels.shells import shell_facts
+    from scaffold_stages._kernels.stl import from_stl, to_stl
+
+    vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))
+    file, size = SurfaceMesh(vertices, faces), np.ptp(vertices, axis=0)
+    outer_volume = contour.outline.area * float(size[2])
+    values: dict[str, Fact] = {
+        "porosity": 1.0 - file.volume / outer_volume,
+        "porosity_requested": contour.porosity_requested,
+        "iso": contour.iso,
+        **(_certified(field.certificate, contour.iso) if field.certificate else {}),
+        **shell_facts(vertices, faces),
+        "holes": contour.holes,
+        "pore_pieces": len(solid.pore_volumes),
+        **{f"size_{axis}_mm": float(length) for axis, length in zip("xyz", size, strict=True)},
+        "volume_mm3": file.volume,
+        "area_mm2": file.area,
+        "outer_volume_mm3": outer_volume,
+        "triangles": len(faces),
+        "cells": mesh.summary()["cells"] if mesh else None,
+        "elements": None,
+        **field.facts,
+        "voxels": int(field.values.size),
+        "voxel_size": field.spacing,
+    }
+    return Metrics(values, tuple(_failed_gates(values, params)))
+
+
+def _certified(certificate: Certificate, iso: float) -> dict[str, Fact]:
+    """Return what the certificate says, but for the count of what is too thin: channels in a plane all end so."""
+    return {name: fact for name, fact in certificate.at(iso).items() if name != "under_resolved"}
+
+
+def _failed_gates(values: dict[str, Fact], params: MeasurePlateParams) -> Iterator[str]:
+    """Yield a line for each gate that is on and fails: which, by how much, and what to change."""
+    if params.gate_manifold and not values["is_manifold"]:
+        yield "manifold: the plate has open, non-manifold or touching parts; use other voxels, or another porosity"
+    if params.gate_one_piece and values["solid_pieces"] != 1:
+        yield (
+            f"one_piece: {values['solid_pieces']} pieces instead of 1; lower porosity or iso, or let contour drop "
+            "slivers (min_piece)"
+        )
+    porosity, asked = _number(values["porosity"]), values["porosity_requested"]
+    if params.gate_porosity and asked is not None and abs(porosity - _number(asked)) > params.porosity_tolerance:
+        yield (
+            f"porosity: {porosity:.4f} differs from the {_number(asked):g} asked for by more than "
+            f"{params.porosity_tolerance:g}; smaller voxels bring it nearer"
+        )
+    if params.gate_struts_whole and values.get("struts_broken"):
+        iso, high = _number(values["iso"]), _number(values["strut_min"])
+        yield (
+            f"struts_whole: iso {iso:.4f} is {iso - high:.4f} above strut_min: {values['struts_broken']} of "
+            f"{values['struts']} struts may be broken; lower porosity or iso"
+        )
+
+
+def _number(fact: Fact) -> float:
+    return float(fact) if isinstance(fact, int | float) else 0.0
