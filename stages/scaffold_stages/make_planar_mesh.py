@@ -34,7 +34,7 @@ class MakePlanarMeshParams(Params):
 
     @model_validator(mode="after")
     def _only_what_applies(self) -> MakePlanarMeshParams:
-        needed = {"triangles": "counts", "quadrangles": "counts", "disc": "rings"}.get(self.kind)
+        needed = {"triangles": "counts", "quadrangles": "counts", "disc": "rings"}.get(self.shape)
         for name in ("counts", "rings"):
             if (getattr(self, name) is None) == (name == needed):
                 rule = (
@@ -42,7 +42,7 @@ class MakePlanarMeshParams(Params):
                     if name == needed
                     else "has no meaning with shape: {}; leave it out"
                 )
-                raise ValueError(f"{name}: {rule.format(self.kind)}")
+                raise ValueError(f"{name}: {rule.format(self.shape)}")
         return self
 
 
