@@ -74,7 +74,7 @@ class MeasureParams(Params):
         return room
 
 
-@stage(writes="metrics", version=4)
+@stage(writes="metrics", version=5)
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -87,7 +87,8 @@ def measure(
     """Measure the solid as a file gives it back, and check it against the quality gates.
 
     The solid is put through the bytes of an STL and read back, merged by position as every reader does:
-    `write_solid` writes the same bytes, wherever it stands in the config.
+    `write_solid` writes the same bytes, wherever it stands in the config. A field without certificate, or a config
+    without mesh, leaves the gates that need them out; `gates_not_applied` names these.
     """
     from scaffold_stages._kernels.stl import from_stl, to_stl
 
@@ -99,7 +100,7 @@ def measure(
         "iso": porous.iso,
         **(field.certificate.at(porous.iso) if field.certificate else {}),
         **_shell_facts(vertices, faces),
-        **_pore_facts(solid.pore_volumes),
+        **_pore_facts(solid.pore_volumes, field.pore_networks),
         **(_thickness_facts(file, outer, mesh, _ON_OUTER * field.spacing, porous.skin) if mesh else {}),
         **{f"size_{axis}_mm": float(size) for axis, size in zip("xyz", np.ptp(file.bounds, axis=0), strict=True)},
         "volume_mm3": file.volume,
@@ -111,6 +112,7 @@ def measure(
         **field.facts,
         "voxels": int(field.values.size),
         "voxel_size": field.spacing,
+        "gates_not_applied": list(_gates_not_applied(field, mesh, params)),
     }
     _warn_of_thin_parts(field, porous.iso, values)
     return Metrics(values, tuple(_failed_gates(values, params, most_closed=int(porous.skin > 0.0))))
@@ -148,11 +150,14 @@ def _shell_facts(vertices: Floats, faces: Ints) -> dict[str, Fact]:
     }
 
 
-def _pore_facts(volumes: Floats) -> dict[str, Fact]:
-    total = float(np.sum(volumes))
+def _pore_facts(volumes: Floats, networks: int) -> dict[str, Fact]:
+    """Return what share of the pore volume the largest piece holds, and as many as there are networks by design."""
+    shares = volumes / volumes.sum()
     return {
         "pore_pieces": len(volumes),
-        "pore_largest_fraction": float(volumes.max() / total) if len(volumes) else 0.0,
+        "pore_largest_fraction": float(shares[:1].sum()),
+        "pore_networks": networks,
+        "pore_networks_fraction": float(shares[:networks].sum()),
     }
 
 
@@ -181,6 +186,14 @@ def _place(point: Floats) -> str:
     return ", ".join(f"{coordinate:.4g}" for coordinate in point)
 
 
+def _gates_not_applied(field: ScalarField, mesh: VolumeMesh | None, params: MeasureParams) -> Iterator[str]:
+    """Yield a line for each gate that is on, but has nothing to judge."""
+    if params.gate_certificate and field.certificate is None:
+        yield "certificate: the field has none"
+    if params.gate_interrupted and (field.certificate is None or mesh is None):
+        yield "interrupted: there is no mesh whose struts and channels could be followed"
+
+
 def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed: int) -> Iterator[str]:
     """Yield a line for each gate that is on and fails: which, by how much, and what to change."""
     if params.gate_manifold and not values["is_manifold"]:
@@ -198,10 +211,11 @@ def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed
 
 
 def _failed_shares(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
-    connected, porosity = _number(values["pore_largest_fraction"]), _number(values["porosity"])
+    connected, porosity = _number(values["pore_networks_fraction"]), _number(values["porosity"])
     if params.gate_pores_connected and connected < params.least_connected_pores:
+        networks = f" in {values['pore_networks']} networks" if values["pore_networks"] != 1 else ""
         yield (
-            f"pores_connected: {connected:.4f} of the pore volume hangs together, at least "
+            f"pores_connected: {connected:.4f} of the pore volume hangs together{networks}, at least "
             f"{params.least_connected_pores:g} is asked for; raise porosity or use smaller voxels"
         )
     asked = values["porosity_requested"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
@@ -22,6 +21,9 @@ if TYPE_CHECKING:
 
 _LEAST_SAMPLES = 8
 """Samples along a cell with which its shape is just there: four to the shortest wave of I-WP."""
+
+_STEPS = 257
+"""Places along a grading at which the level of the porosity is computed; between them it changes linearly."""
 
 Between0And1 = Annotated[Share, Field(gt=0.0, lt=1.0)]
 
@@ -61,7 +63,7 @@ class TpmsFieldParams(SamplingParams):
     """Solid on one side of the surface, or a sheet about it, which leaves two separate networks of pores."""
 
     grading: GradingParams | None = None
-    """Porosity that changes along an axis; met with `isosurface.iso: 0`, and as a whole raised or lowered by another."""
+    """Porosity that changes along an axis: as asked with `isosurface.iso: 0`; another iso raises or lowers it all."""
 
     origin: Annotated[tuple[float, float, float] | None, Unit("mm")] = None
     """Corner of a cell; left out, the least corner of the outer shape's bounding box."""
@@ -120,21 +122,22 @@ def _level(bounds: Floats, params: TpmsFieldParams) -> Level:
     surface = tpms.SURFACES[params.surface]
     if params.kind == "sheet":
         surface = tpms.sheet_of(surface)
-    corner = bounds[0] if params.origin is None else params.origin
+    corner = bounds[0] if params.origin is None else np.array(params.origin)
 
-    def level(*places: Floats) -> Floats:
-        x, y, z = (
-            2.0 * np.pi * (place - start) / params.cell_size for place, start in zip(places, corner, strict=True)
+    def level(x: Floats, y: Floats, z: Floats) -> Floats:
+        phases = (
+            2.0 * np.pi / params.cell_size * (place - start) for place, start in zip((x, y, z), corner, strict=True)
         )
-        return surface(x, y, z)
+        return surface(*phases)
 
     grading = params.grading
     if grading is None:
         return level
     axis = "xyz".index(grading.axis)
-    ends = bounds[:, axis] if grading.between is None else grading.between
-    local = partial(np.interp, xp=ends, fp=grading.porosity)
-    return lambda *places: level(*places) - tpms.levels_at(surface, local(places[axis]))
+    low, high = grading.between or bounds[:, axis].tolist()
+    steps = np.linspace(low, high, _STEPS)
+    shifts = tpms.levels_at(surface, np.linspace(*grading.porosity, _STEPS))
+    return lambda *places: level(*places) - np.interp(places[axis], steps, shifts)
 
 
 def _on_voxels(level: Level, voxels: Voxels) -> NDArray[np.float32]:

@@ -23,17 +23,20 @@ _SAMPLES = 64
 
 def schwarz_p(x: Floats, y: Floats, z: Floats) -> Floats:
     """Return cos X + cos Y + cos Z, -3 to 3: a labyrinth of simple cubic tubes on either side."""
-    return cos(x) + cos(y) + cos(z)
+    f: Floats = cos(x) + cos(y) + cos(z)
+    return f
 
 
 def schwarz_d(x: Floats, y: Floats, z: Floats) -> Floats:
     """Return sXsYsZ + sXcYcZ + cXsYcZ + cXcYsZ, s = sin, c = cos, -1.41 to 1.41: a diamond net on either side."""
-    return sin(x) * (sin(y) * sin(z) + cos(y) * cos(z)) + cos(x) * (sin(y) * cos(z) + cos(y) * sin(z))
+    f: Floats = sin(x) * (sin(y) * sin(z) + cos(y) * cos(z)) + cos(x) * (sin(y) * cos(z) + cos(y) * sin(z))
+    return f
 
 
 def gyroid(x: Floats, y: Floats, z: Floats) -> Floats:
     """Return sin X cos Y + sin Y cos Z + sin Z cos X, -1.5 to 1.5: nets of three-way nodes, mirror images."""
-    return sin(x) * cos(y) + sin(y) * cos(z) + sin(z) * cos(x)
+    f: Floats = sin(x) * cos(y) + sin(y) * cos(z) + sin(z) * cos(x)
+    return f
 
 
 def iwp(x: Floats, y: Floats, z: Floats) -> Floats:
@@ -41,7 +44,10 @@ def iwp(x: Floats, y: Floats, z: Floats) -> Floats:
 
     Above 0 lies the body-centred net of eight-way nodes (I), below it the wrapped package (WP).
     """
-    return 2.0 * (cos(x) * cos(y) + cos(y) * cos(z) + cos(z) * cos(x)) - (cos(2.0 * x) + cos(2.0 * y) + cos(2.0 * z))
+    f: Floats = 2.0 * (cos(x) * cos(y) + cos(y) * cos(z) + cos(z) * cos(x)) - (
+        cos(2.0 * x) + cos(2.0 * y) + cos(2.0 * z)
+    )
+    return f
 
 
 SURFACES: dict[str, Surface] = {"schwarz_p": schwarz_p, "schwarz_d": schwarz_d, "gyroid": gyroid, "iwp": iwp}
@@ -54,6 +60,7 @@ def sheet_of(surface: Surface) -> Surface:
 
 
 def levels_at(surface: Surface, shares: Floats) -> Floats:
-    """Return the levels below which the given shares of a cell's volume lie."""
+    """Return the levels below which the given shares of a cell's volume lie, (n,) each."""
     phases = 2.0 * np.pi * (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    return np.quantile(surface(phases[:, None, None], phases[:, None], phases), shares)
+    levels: Floats = np.quantile(surface(phases[:, None, None], phases[:, None], phases), shares)
+    return levels
