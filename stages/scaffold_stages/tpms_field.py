@@ -25,6 +25,9 @@ _LEAST_SAMPLES = 8
 _STEPS = 257
 """Places along a grading at which the level of the porosity is computed; between them it changes linearly."""
 
+_ROUNDING = 1e-6
+"""How much longer than the shape a cell may be, relative: units that were converted round."""
+
 Between0And1 = Annotated[Share, Field(gt=0.0, lt=1.0)]
 
 
@@ -108,7 +111,7 @@ def tpms_field(outer: OuterShape, *, params: TpmsFieldParams) -> ScalarField:
 def _require_a_cell(bounds: Floats, cell_size: float) -> None:
     extents = bounds[1] - bounds[0]
     least = float(extents.min())
-    if cell_size > least:
+    if cell_size > least * (1.0 + _ROUNDING):
         raise StageError(
             f"cell_size {cell_size:g} mm: no whole cell fits into the outer shape, which is {least:.4g} mm along "
             f"{'xyz'[extents.argmin()]}; choose at most that, better a third of it"
