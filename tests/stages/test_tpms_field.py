@@ -99,7 +99,7 @@ def test_samples_more_than_two_voxels_outside_are_void():
     ("surface", "porosity"), [("schwarz_p", 0.5), ("schwarz_d", 0.5), ("gyroid", 0.5), ("iwp", 0.4691)]
 )
 def test_whole_cells_at_iso_zero_are_half_pores_in_the_solid_but_for_iwp(surface: str, porosity: float):
-    field = field_of(surface=surface)
+    field = field_of(surface=surface, voxel_size=0.2)
     solid, metrics = solid_of(field, iso=0.0)
     assert 1.0 - solid.volume / CUBE.volume == pytest.approx(porosity, abs=2e-3)
     assert metrics.values["solid_pieces"] == 1
@@ -107,7 +107,7 @@ def test_whole_cells_at_iso_zero_are_half_pores_in_the_solid_but_for_iwp(surface
 
 
 def test_porosity_and_the_width_of_the_pores_grow_with_the_iso():
-    field = field_of(surface="schwarz_p", origin=(2.0 + CELL / 2, -1.0 + CELL / 2, 10.0 + CELL / 2))
+    field = field_of(surface="schwarz_p", voxel_size=0.3, origin=(2.0 + CELL / 2, -1.0 + CELL / 2, 10.0 + CELL / 2))
     porosities = [1.0 - solid_of(field, iso=iso)[0].volume / CUBE.volume for iso in (-0.6, -0.2, 0.2, 0.6)]
     assert (np.diff(porosities) > 0.05).all()
 
@@ -125,7 +125,7 @@ def test_a_sheet_has_the_thickness_that_its_level_gives(level: float, tmp_path: 
 
 
 def test_a_sheet_parts_the_pores_into_two_networks_and_passes_the_gates_that_there_are():
-    field = field_of(kind="sheet")
+    field = field_of(kind="sheet", voxel_size=0.2)
     _, metrics = solid_of(field, porosity=0.6)
     assert metrics.values["pore_largest_fraction"] == pytest.approx(0.5, abs=0.02)
     assert metrics.values["pore_networks_fraction"] > 0.99
@@ -145,7 +145,7 @@ def test_a_grading_gives_each_layer_of_cells_its_porosity_at_iso_zero(surface: s
     step = round(CELL / field.spacing)
     for layer in range(8):
         porosity = void[layer * step : (layer + 1) * step].mean()
-        assert porosity == pytest.approx(0.5 + 0.24 * (layer + 0.5) / 8, abs=0.01)
+        assert porosity == pytest.approx(0.5 + 0.24 * (layer + 0.5) / 8, abs=0.015)
 
 
 def test_a_grading_between_two_places_stays_as_it_is_beyond_them(tmp_path: Path):
