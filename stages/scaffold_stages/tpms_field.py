@@ -66,7 +66,10 @@ class TpmsFieldParams(SamplingParams):
     """Solid on one side of the surface, or a sheet about it, which leaves two separate networks of pores."""
 
     grading: GradingParams | None = None
-    """Porosity that changes along an axis: as asked with `isosurface.iso: 0`; another iso raises or lowers it all."""
+    """Porosity that changes along an axis: `axis`, `porosity: [low end, high end]` and, in mm, `between: [low, high]`.
+
+    It is as asked with `isosurface.iso: 0`; another iso, or a porosity, raises or lowers it everywhere.
+    """
 
     origin: Annotated[tuple[float, float, float] | None, Unit("mm")] = None
     """Corner of a cell; left out, the least corner of the outer shape's bounding box."""
