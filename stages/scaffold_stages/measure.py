@@ -52,10 +52,10 @@ class MeasureParams(Params):
     """Whether an open or non-manifold solid fails."""
 
     gate_one_piece: bool = True
-    """Whether a solid of several pieces, or with closed pores, fails; a skin closes one pore of necessity."""
+    """Whether a solid of several pieces, or with closed pores, fails; a skin closes its pores of necessity."""
 
     gate_pores_connected: bool = True
-    """Whether pores that do not hang together fail."""
+    """Whether pores that do not hang together fail, or both networks of a sheet that do."""
 
     gate_interrupted: bool = True
     """Whether a file fails in which too many struts are broken or too many channels closed."""
@@ -94,6 +94,7 @@ def measure(
 
     vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))
     file = SurfaceMesh(vertices, faces)
+    mesh = mesh if field.certificate else None  # a field without one is not made of a mesh
     values: dict[str, Fact] = {
         "porosity": 1.0 - file.volume / outer.volume,
         "porosity_requested": porous.porosity_requested,
@@ -115,7 +116,7 @@ def measure(
         "gates_not_applied": list(_gates_not_applied(field, mesh, params)),
     }
     _warn_of_thin_parts(field, porous.iso, values)
-    return Metrics(values, tuple(_failed_gates(values, params, most_closed=int(porous.skin > 0.0))))
+    return Metrics(values, tuple(_failed_gates(values, params, most_closed=field.pore_networks * (porous.skin > 0.0))))
 
 
 def _warn_of_thin_parts(field: ScalarField, iso: float, values: dict[str, Fact]) -> None:
@@ -190,7 +191,7 @@ def _gates_not_applied(field: ScalarField, mesh: VolumeMesh | None, params: Meas
     """Yield a line for each gate that is on, but has nothing to judge."""
     if params.gate_certificate and field.certificate is None:
         yield "certificate: the field has none"
-    if params.gate_interrupted and (field.certificate is None or mesh is None):
+    if params.gate_interrupted and mesh is None:
         yield "interrupted: there is no mesh whose struts and channels could be followed"
 
 
@@ -211,18 +212,29 @@ def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed
 
 
 def _failed_shares(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
-    connected, porosity = _number(values["pore_networks_fraction"]), _number(values["porosity"])
-    if params.gate_pores_connected and connected < params.least_connected_pores:
-        networks = f" in {values['pore_networks']} networks" if values["pore_networks"] != 1 else ""
-        yield (
-            f"pores_connected: {connected:.4f} of the pore volume hangs together{networks}, at least "
-            f"{params.least_connected_pores:g} is asked for; raise porosity or use smaller voxels"
-        )
+    yield from _failed_connections(values, params.least_connected_pores) if params.gate_pores_connected else ()
+    porosity = _number(values["porosity"])
     asked = values["porosity_requested"]
     if params.gate_porosity and asked is not None and abs(porosity - _number(asked)) > params.porosity_tolerance:
         yield (
             f"porosity: {porosity:.4f} differs from the {_number(asked):g} asked for by more than "
             f"{params.porosity_tolerance:g}; less smoothing or smaller voxels bring it nearer"
+        )
+
+
+def _failed_connections(values: dict[str, Fact], least: float) -> Iterator[str]:
+    networks = _number(values["pore_networks"])
+    connected, largest = _number(values["pore_networks_fraction"]), _number(values["pore_largest_fraction"])
+    if connected < least:
+        parted = f" in {networks:g} networks" if networks > 1 else ""
+        yield (
+            f"pores_connected: {connected:.4f} of the pore volume hangs together{parted}, at least {least:g} is asked "
+            "for; raise porosity or use smaller voxels"
+        )
+    elif networks > 1 and largest >= least:
+        yield (
+            f"pores_connected: {largest:.4f} of the pore volume hangs together instead of lying in {networks:g} "
+            "networks, so the sheet between them has holes; lower porosity or use smaller voxels"
         )
 
 

@@ -134,6 +134,11 @@ def test_a_sheet_parts_the_pores_into_two_networks_and_passes_the_gates_that_the
     assert [line.partition(":")[0] for line in metrics.values["gates_not_applied"]] == ["certificate", "interrupted"]
 
 
+def test_a_sheet_thinner_than_the_voxels_show_fails_the_gate_of_its_networks():
+    _, metrics = solid_of(field_of(kind="sheet", voxel_size=0.3), iso=-0.1)
+    assert any("the sheet between them has holes" in gate for gate in metrics.failed_gates)
+
+
 @pytest.mark.parametrize("kind", ["skeletal", "sheet"])
 @pytest.mark.parametrize("surface", SURFACES)
 def test_a_grading_gives_each_layer_of_cells_its_porosity_at_iso_zero(surface: str, kind: str):
