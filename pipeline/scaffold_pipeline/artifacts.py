@@ -286,7 +286,8 @@ class ScalarField(Artifact):
 
     `values` (nx, ny, nz) float32, value [i, j, k] at `origin + spacing * (i, j, k)` mm; `origin` (3,) mm;
     `spacing` mm, the same along all axes; one layer along z is a planar field or a section. `facts` are what the maker
-    measured. `point_values` (n,) is the field itself at `points` (n, 3) mm that were asked for.
+    measured. `point_values` (n,) is the field itself at `points` (n, 3) mm that were asked for. `pore_networks` counts
+    the separate networks that its pores form by design: a sheet between two labyrinths has two.
     """
 
     values: NDArray[np.float32]
@@ -296,6 +297,7 @@ class ScalarField(Artifact):
     facts: Mapping[str, Fact] = field(default_factory=dict)
     points: Floats = field(default_factory=lambda: np.empty((0, 3)))
     point_values: Floats = field(default_factory=lambda: np.empty(0))
+    pore_networks: int = 1
 
     def __post_init__(self) -> None:
         self._own("values", np.float32, (None, None, None))

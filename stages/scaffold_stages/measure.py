@@ -51,10 +51,10 @@ class MeasureParams(Params):
     """Whether an open or non-manifold solid fails."""
 
     gate_one_piece: bool = True
-    """Whether a solid of several pieces, or with closed pores, fails; a skin closes one pore of necessity."""
+    """Whether a solid of several pieces, or with closed pores, fails; a skin closes its pores of necessity."""
 
     gate_pores_connected: bool = True
-    """Whether pores that do not hang together fail."""
+    """Whether pores that do not hang together fail, or both networks of a sheet that do."""
 
     gate_interrupted: bool = True
     """Whether a file fails in which too many struts are broken or too many channels closed."""
@@ -73,7 +73,7 @@ class MeasureParams(Params):
         return room
 
 
-@stage(writes="metrics", version=4)
+@stage(writes="metrics", version=5)
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -86,20 +86,22 @@ def measure(
     """Measure the solid as a file gives it back, and check it against the quality gates.
 
     The solid is put through the bytes of an STL and read back, merged by position as every reader does:
-    `write_solid` writes the same bytes, wherever it stands in the config.
+    `write_solid` writes the same bytes, wherever it stands in the config. A field without certificate, or a config
+    without mesh, leaves the gates that need them out; `gates_not_applied` names these.
     """
     from scaffold_stages._kernels.shells import shell_facts
     from scaffold_stages._kernels.stl import from_stl, to_stl
 
     vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))
     file = SurfaceMesh(vertices, faces)
+    mesh = mesh if field.certificate else None  # a field without one is not made of a mesh
     values: dict[str, Fact] = {
         "porosity": 1.0 - file.volume / outer.volume,
         "porosity_requested": porous.porosity_requested,
         "iso": porous.iso,
         **(field.certificate.at(porous.iso) if field.certificate else {}),
         **shell_facts(vertices, faces),
-        **_pore_facts(solid.pore_volumes),
+        **_pore_facts(solid.pore_volumes, field.pore_networks),
         **(_thickness_facts(file, outer, mesh, _ON_OUTER * field.spacing, porous.skin) if mesh else {}),
         **{f"size_{axis}_mm": float(size) for axis, size in zip("xyz", np.ptp(file.bounds, axis=0), strict=True)},
         "volume_mm3": file.volume,
@@ -111,9 +113,10 @@ def measure(
         **field.facts,
         "voxels": int(field.values.size),
         "voxel_size": field.spacing,
+        "gates_not_applied": list(_gates_not_applied(field, mesh, params)),
     }
     _warn_of_thin_parts(field, porous.iso, values)
-    return Metrics(values, tuple(_failed_gates(values, params, most_closed=int(porous.skin > 0.0))))
+    return Metrics(values, tuple(_failed_gates(values, params, most_closed=field.pore_networks * (porous.skin > 0.0))))
 
 
 def _warn_of_thin_parts(field: ScalarField, iso: float, values: dict[str, Fact]) -> None:
@@ -134,11 +137,14 @@ def _warn_of_thin_parts(field: ScalarField, iso: float, values: dict[str, Fact])
     )
 
 
-def _pore_facts(volumes: Floats) -> dict[str, Fact]:
-    total = float(np.sum(volumes))
+def _pore_facts(volumes: Floats, networks: int) -> dict[str, Fact]:
+    """Return what share of the pore volume the largest piece holds, and as many as there are networks by design."""
+    shares = volumes / volumes.sum()
     return {
         "pore_pieces": len(volumes),
-        "pore_largest_fraction": float(volumes.max() / total) if len(volumes) else 0.0,
+        "pore_largest_fraction": float(shares[:1].sum()),
+        "pore_networks": networks,
+        "pore_networks_fraction": float(shares[:networks].sum()),
     }
 
 
@@ -167,6 +173,14 @@ def _place(point: Floats) -> str:
     return ", ".join(f"{coordinate:.4g}" for coordinate in point)
 
 
+def _gates_not_applied(field: ScalarField, mesh: VolumeMesh | None, params: MeasureParams) -> Iterator[str]:
+    """Yield a line for each gate that is on, but has nothing to judge."""
+    if params.gate_certificate and field.certificate is None:
+        yield "certificate: the field has none"
+    if params.gate_interrupted and mesh is None:
+        yield "interrupted: there is no mesh whose struts and channels could be followed"
+
+
 def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed: int) -> Iterator[str]:
     """Yield a line for each gate that is on and fails: which, by how much, and what to change."""
     if params.gate_manifold and not values["is_manifold"]:
@@ -184,17 +198,29 @@ def _failed_gates(values: dict[str, Fact], params: MeasureParams, *, most_closed
 
 
 def _failed_shares(values: dict[str, Fact], params: MeasureParams) -> Iterator[str]:
-    connected, porosity = _number(values["pore_largest_fraction"]), _number(values["porosity"])
-    if params.gate_pores_connected and connected < params.least_connected_pores:
-        yield (
-            f"pores_connected: {connected:.4f} of the pore volume hangs together, at least "
-            f"{params.least_connected_pores:g} is asked for; raise porosity or use smaller voxels"
-        )
+    yield from _failed_connections(values, params.least_connected_pores) if params.gate_pores_connected else ()
+    porosity = _number(values["porosity"])
     asked = values["porosity_requested"]
     if params.gate_porosity and asked is not None and abs(porosity - _number(asked)) > params.porosity_tolerance:
         yield (
             f"porosity: {porosity:.4f} differs from the {_number(asked):g} asked for by more than "
             f"{params.porosity_tolerance:g}; less smoothing or smaller voxels bring it nearer"
+        )
+
+
+def _failed_connections(values: dict[str, Fact], least: float) -> Iterator[str]:
+    networks = _number(values["pore_networks"])
+    connected, largest = _number(values["pore_networks_fraction"]), _number(values["pore_largest_fraction"])
+    if connected < least:
+        parted = f" in {networks:g} networks" if networks > 1 else ""
+        yield (
+            f"pores_connected: {connected:.4f} of the pore volume hangs together{parted}, at least {least:g} is asked "
+            "for; raise porosity or use smaller voxels"
+        )
+    elif networks > 1 and largest >= least:
+        yield (
+            f"pores_connected: {largest:.4f} of the pore volume hangs together instead of lying in {networks:g} "
+            "networks, so the sheet between them has holes; lower porosity or use smaller voxels"
         )
 
 

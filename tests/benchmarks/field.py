@@ -24,12 +24,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from kernels.oracle import icosahedron
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
 from scaffold_pipeline.memory import PeakMemory
-from scaffold_stages import arbf_field as arbf_module
+from scaffold_stages._fields.sampling import voxels_over
 from scaffold_stages._kernels import interpolant, shepard
-from scaffold_stages._kernels.grids import grid_over, grown, samples_inside
 from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
 from scaffold_stages._kernels.skeleton import skeleton_of
-from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
+from scaffold_stages.arbf_field import ArbfFieldParams, _normalised, arbf_field
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 from scaffold_stages.tetrahedralise import TetrahedraliseParams, tetrahedralise
 from shapes import box, tetrahedra
@@ -258,10 +257,8 @@ def sparse_rows(bone, units):
 
 def ready_field(mesh, outer, params):
     """Return the field of a mesh, ready to be summed on the voxels of a shape, these, and their numbers."""
-    origin, shape = grid_over(outer.bounds, params.voxel_size, arbf_module.MARGIN)
-    inside = samples_inside(outer.vertices, outer.faces, origin, params.voxel_size, shape)
-    voxels = arbf_module._Voxels(origin, params.voxel_size, inside, grown(inside, 2))
-    return arbf_module._normalised(skeleton_of(mesh.vertices, mesh.cells), params), voxels, shape
+    voxels = voxels_over(outer, params)
+    return _normalised(skeleton_of(mesh.vertices, mesh.cells), params), voxels, voxels.inside.shape
 
 
 def growth_rows(*, small):

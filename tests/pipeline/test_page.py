@@ -221,5 +221,12 @@ def test_a_field_without_a_certificate_has_no_window():
     assert "<svg" not in page(metrics={"strut_min": float("nan")})
 
 
+def test_gates_that_had_nothing_to_judge_are_named():
+    skipped = ["certificate: the field has none", "interrupted: there is no mesh"]
+    told = words(page(metrics=METRICS | {"gates_not_applied": skipped}))
+    assert "Gates not applied 2 certificate: the field has none; interrupted: there is no mesh" in told
+    assert "Gates not applied" not in page(metrics=METRICS | {"gates_not_applied": []})
+
+
 def test_a_share_that_is_almost_one_is_not_rounded_to_it():
     assert [to_text(value) for value in (0.99996, 1.0, 0.5)] == ["0.99996", "1", "0.5"]

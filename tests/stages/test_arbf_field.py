@@ -31,7 +31,7 @@ from scaffold_pipeline.artifacts import OuterShape, ScalarField, VolumeMesh
 from scaffold_pipeline.cell_types import CELL_TYPES
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_stages import arbf_field as module
+from scaffold_stages._fields import interpolation, sampling
 from scaffold_stages._kernels.skeleton import skeleton_of
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 
@@ -224,13 +224,13 @@ def test_voxels_too_coarse_for_the_outer_shape_are_an_error():
 
 @pytest.mark.parametrize("voxel_size", [0.001, 1e-12, 1e-300])
 def test_a_grid_beyond_the_memory_is_refused_with_a_size_that_fits(monkeypatch: pytest.MonkeyPatch, voxel_size: float):
-    monkeypatch.setattr(module, "available_memory", lambda: 2_000_000)
+    monkeypatch.setattr(sampling, "available_memory", lambda: 2_000_000)
     mesh = tetrahedra((1, 1, 1))
     with pytest.raises(StageError, match=rf"^voxel_size {voxel_size:g} mm: the grid needs") as refusal:
         field_of(mesh, voxel_size=voxel_size)
     fitting = float(re.findall(r"([\d.e-]+) mm would fit", str(refusal.value))[0])
     field = field_of(mesh, voxel_size=fitting)
-    assert 1_000_000 < module._BYTES_PER_VOXEL * field.values.size <= 2_000_000
+    assert 1_000_000 < sampling.BYTES_PER_VOXEL * field.values.size <= 2_000_000
 
 
 @pytest.mark.parametrize(
@@ -332,11 +332,11 @@ def test_exact_with_edges_takes_them_as_segments_at_one():
 
 
 def test_exact_beyond_its_bounds_is_refused_with_the_memory_it_needs(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "MOST_UNKNOWNS", 162)
+    monkeypatch.setattr(interpolation, "MOST_UNKNOWNS", 162)
     with pytest.raises(StageError, match=r"exact has 163 unknowns here, which need \d\.\d GiB .* at most 162; use"):
         field_of(icosahedron(), voxel_size=0.3, interpolation="exact")
-    monkeypatch.setattr(module, "MOST_UNKNOWNS", 163)
+    monkeypatch.setattr(interpolation, "MOST_UNKNOWNS", 163)
     assert field_of(icosahedron(), voxel_size=0.3, interpolation="exact").facts["unknowns"] == 163
-    monkeypatch.setattr(module, "available_memory", lambda: 600_000)
+    monkeypatch.setattr(interpolation, "available_memory", lambda: 600_000)
     with pytest.raises(StageError, match="exact has 163 unknowns here"):
         field_of(icosahedron(), voxel_size=0.3, interpolation="exact")

@@ -84,11 +84,36 @@ def test_the_cells_are_those_of_the_mesh():
     assert measure(solid_of(pierced()), OUTER, porous(), field(), mesh, params=MeasureParams()).values["cells"] == 36
 
 
-def test_without_a_certificate_its_gate_is_silent():
+def test_without_a_certificate_its_gate_is_not_applied_and_says_so():
     bare = ScalarField(np.zeros((2, 2, 2)), np.zeros(3), 0.5)
     metrics = measured(solid_of(pierced()), field=bare)
     assert metrics.failed_gates == ()
     assert "channel_max" not in metrics.values
+    gates = ["certificate", "interrupted"]
+    assert [line.partition(":")[0] for line in metrics.values["gates_not_applied"]] == gates
+    off = {f"gate_{name}": False for name in gates}
+    assert measured(solid_of(pierced()), field=bare, **off).values["gates_not_applied"] == []
+
+
+def test_without_a_mesh_interrupted_struts_are_not_looked_for_and_it_says_so():
+    assert measured(solid_of(pierced())).values["gates_not_applied"] == [
+        "interrupted: there is no mesh whose struts and channels could be followed"
+    ]
+
+
+def test_a_field_of_two_networks_may_have_its_pores_in_two_pieces_and_no_more():
+    two = ScalarField(np.zeros((2, 2, 2)), np.zeros(3), 0.5, pore_networks=2)
+    parted = solid_of(pierced(), pores=(40.0, 31.5, 0.5))
+    metrics = measured(parted, field=two)
+    assert metrics.failed_gates == ()
+    assert metrics.values["pore_largest_fraction"] == pytest.approx(40.0 / 72.0)
+    assert metrics.values["pore_networks_fraction"] == pytest.approx(71.5 / 72.0)
+    (failure,) = measured(parted).failed_gates
+    assert failure.startswith("pores_connected: 0.5556 of the pore volume hangs together, at least 0.99")
+    (failure,) = measured(solid_of(pierced(), pores=(30.0, 30.0, 12.0)), field=two).failed_gates
+    assert failure.startswith("pores_connected: 0.8333 of the pore volume hangs together in 2 networks, at least 0.99")
+    (failure,) = measured(solid_of(pierced()), field=two).failed_gates
+    assert "1.0000 of the pore volume hangs together instead of lying in 2 networks" in failure
 
 
 TINY = box((2.0, 2.0, 2.0), (3.0, 3.0, 3.0))
@@ -163,6 +188,23 @@ def test_a_skin_closes_one_pore_of_necessity():
     hollow = solid_of(box((0.0, 0.0, 0.0), (10.0, 8.0, 6.0)), inverted(box((2, 2, 2), (6, 5, 4))), pores=(24.0,))
     assert measured(hollow, porous=porous(porosity=0.05, skin=2.0)).failed_gates == ()
     assert len(measured(hollow, porous=porous(porosity=0.05)).failed_gates) == 1
+
+
+def test_a_skin_closes_both_pores_of_a_sheet():
+    pores = [inverted(box((x, 2.0, 2.0), (x + 1.0, 3.0, 3.0))) for x in (2.0, 5.0)]
+    hollow = solid_of((OUTER.vertices, OUTER.faces), *pores, pores=(1.0, 1.0))
+    given = {"porous": porous(porosity=2.0 / 480.0, skin=2.0)}
+    two = ScalarField(np.zeros((2, 2, 2)), np.zeros(3), 0.5, pore_networks=2)
+    assert measured(hollow, field=two, **given).failed_gates == ()
+    failures = [line.partition(":")[0] for line in measured(hollow, **given).failed_gates]
+    assert failures == ["one_piece", "pores_connected"]
+
+
+def test_a_mesh_that_the_field_is_not_made_of_is_not_measured():
+    bare = ScalarField(np.zeros((2, 2, 2)), np.zeros(3), 0.5)
+    metrics = measure(solid_of(pierced()), OUTER, porous(), bare, tetrahedra((1, 2, 3)), params=MeasureParams())
+    assert metrics.values["cells"] is None
+    assert "thinnest_strut_mm" not in metrics.values
 
 
 def test_faults_add_up():

@@ -151,6 +151,11 @@ def _results(metrics: Mapping[str, Fact]) -> str:
     rows = [
         (entry.title, _value(entry.key, metrics), f'<span class="meaning">{entry.meaning}</span>') for entry in _RESULTS
     ]
+    skipped = metrics.get("gates_not_applied")
+    if isinstance(skipped, list) and skipped:
+        rows.append(
+            ("Gates not applied", _text(len(skipped)), f'<span class="meaning">{_text("; ".join(skipped))}</span>')
+        )
     every = _table(("Key", "Value"), ((f"<code>{_text(k)}</code>", _text(v)) for k, v in metrics.items()), "facts")
     return _table((), rows, "results") + _folded("All metrics", every)
 

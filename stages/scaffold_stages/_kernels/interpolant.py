@@ -10,7 +10,7 @@ does.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -87,6 +87,11 @@ def elements_of(skeleton: Skeleton) -> Elements:
     return Elements(points, skeleton.channel_starts, skeleton.channel_ends)
 
 
+def points_of(skeleton: Skeleton) -> Elements:
+    """Return the elements of the isotropic field: those of the paper without its channels."""
+    return replace(elements_of(skeleton), starts=np.empty((0, 3)), ends=np.empty((0, 3)))
+
+
 def values_of(skeleton: Skeleton) -> Floats:
     """Return the values of the paper, (n,), in the order of `elements_of`: +1 on vertices, -1 elsewhere."""
     values = np.full(elements_of(skeleton).unknowns, -1.0)
@@ -106,9 +111,16 @@ def memory_needed(unknowns: int) -> int:
     return (_MATRICES_AT_ONCE * unknowns + _VECTORS_AT_ONCE) * unknowns * np.dtype(np.float64).itemsize
 
 
-def expected_negative_eigenvalues(basis: str, segments: int) -> int | None:
-    """Return how many negative eigenvalues a healthy system has: one a segment; None where none is known."""
-    return segments if basis == "inverse_multiquadric" else None
+def expected_negative_eigenvalues(basis: str, points: int, segments: int) -> int | None:
+    """Return how many negative eigenvalues a healthy system of elements has; None where no law is known.
+
+    Inverse multiquadric: one a segment. Points alone, all distinct: the Gaussian and the inverse multiquadric are
+    positive definite, the multiquadric has one positive eigenvalue (Micchelli, "Interpolation of scattered data:
+    distance matrices and conditionally positive definite functions", Constr. Approx. 2 (1986)).
+    """
+    if basis == "inverse_multiquadric":
+        return segments
+    return None if segments else {"gaussian": 0, "multiquadric": points - 1}.get(basis)
 
 
 def assemble(elements: Elements, basis: str, reading: str, c: float) -> Floats:

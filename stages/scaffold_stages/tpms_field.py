@@ -1,0 +1,157 @@
+"""Stage `tpms_field`: the field of a triply periodic minimal surface over the outer shape; no mesh, no certificate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from scaffold_pipeline.artifacts import Floats, OuterShape, ScalarField
+from scaffold_pipeline.contract import Millimetres, Params, Share, Unit, stage
+from scaffold_pipeline.errors import StageError
+from scaffold_stages._fields.sampling import SamplingParams, Voxels, voxels_over
+from scaffold_stages._kernels.point_files import read_points
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Level = Callable[[Floats, Floats, Floats], Floats]
+
+_LEAST_SAMPLES = 8
+"""Samples along a cell with which its shape is just there: four to the shortest wave of I-WP."""
+
+_STEPS = 257
+"""Places along a grading at which the level of the porosity is computed; between them it changes linearly."""
+
+_ROUNDING = 1e-6
+"""How much longer than the shape a cell may be, relative: units that were converted round."""
+
+Between0And1 = Annotated[Share, Field(gt=0.0, lt=1.0)]
+
+
+class GradingParams(Params):
+    """A porosity that changes along an axis."""
+
+    axis: Literal["x", "y", "z"] = "z"
+    """Direction of the change."""
+
+    porosity: tuple[Between0And1, Between0And1]
+    """Porosity at the low and at the high end; between them it changes linearly, beyond them it stays."""
+
+    between: tuple[Millimetres, Millimetres] | None = None
+    """Coordinates of the two ends; left out, those of the outer shape."""
+
+    @model_validator(mode="after")
+    def _ascending(self) -> GradingParams:
+        if self.between is not None and not self.between[0] < self.between[1]:
+            raise ValueError(f"between: must be the low end, then the high one, got {self.between}")
+        return self
+
+
+class TpmsFieldParams(SamplingParams):
+    """Parameters of `tpms_field`."""
+
+    voxel_size: Annotated[float | None, Unit("mm")] = Field(default=None, gt=0.0)
+    """Distance between samples of the field: a twentieth of the cell size shows the surface well."""
+
+    surface: Literal["schwarz_p", "schwarz_d", "gyroid", "iwp"]
+    """Schwarz's P or D, Schoen's gyroid or I-WP."""
+
+    cell_size: Millimetres = Field(gt=0.0)
+    """Edge of the cubic cell, the period along x, y and z."""
+
+    kind: Literal["skeletal", "sheet"] = "skeletal"
+    """Solid on one side of the surface, or a sheet about it, which leaves two separate networks of pores."""
+
+    grading: GradingParams | None = None
+    """Porosity that changes along an axis: `axis`, `porosity: [low end, high end]` and, in mm, `between: [low, high]`.
+
+    It is as asked with `isosurface.iso: 0`; another iso, or a porosity, raises or lowers it everywhere.
+    """
+
+    origin: Annotated[tuple[float, float, float] | None, Unit("mm")] = None
+    """Corner of a cell; left out, the least corner of the outer shape's bounding box."""
+
+    @model_validator(mode="after")
+    def _fine_enough(self) -> TpmsFieldParams:
+        spacing = self.grid.spacing if self.grid else self.voxel_size or 0.0
+        if spacing > self.cell_size / _LEAST_SAMPLES:
+            raise ValueError(
+                f"{'grid.spacing' if self.grid else 'voxel_size'}: must be at most an eighth of cell_size "
+                f"({self.cell_size / _LEAST_SAMPLES:g} mm), or the surface is lost between samples, got {spacing:g}"
+            )
+        return self
+
+
+@stage(writes="field", version=1)
+def tpms_field(outer: OuterShape, *, params: TpmsFieldParams) -> ScalarField:
+    """Compute the field of a triply periodic minimal surface, skeletal or sheet, over the outer shape.
+
+    The field is f of the nodal approximation (von Schnering, Nesper 1991; `_kernels.tpms` has the formulas), so that
+    an iso-value is the level known from the literature, or -|f| for a sheet; with a grading, the level of the local
+    porosity is taken off it. Samples more than two voxels outside the outer shape are void, as low as the field is
+    anywhere else. Raises `StageError` where no whole cell fits into the shape, or the grid needs more memory than
+    there is.
+    """
+    points = np.empty((0, 3)) if params.points is None else read_points(params.points)
+    _require_a_cell(outer.bounds, params.cell_size)
+    voxels = voxels_over(outer, params)
+    level = _level(outer.bounds, params)
+    values = _on_voxels(level, voxels)
+    return ScalarField(
+        values,
+        voxels.origin,
+        voxels.spacing,
+        facts={"tpms": f"{params.surface}, {params.kind}", "cell_size": params.cell_size},
+        points=points,
+        point_values=level(*points.T),
+        pore_networks=2 if params.kind == "sheet" else 1,
+    )
+
+
+def _require_a_cell(bounds: Floats, cell_size: float) -> None:
+    extents = bounds[1] - bounds[0]
+    least = float(extents.min())
+    if cell_size > least * (1.0 + _ROUNDING):
+        raise StageError(
+            f"cell_size {cell_size:g} mm: no whole cell fits into the outer shape, which is {least:.4g} mm along "
+            f"{'xyz'[extents.argmin()]}; choose at most that, better a third of it"
+        )
+
+
+def _level(bounds: Floats, params: TpmsFieldParams) -> Level:
+    """Return the field as a function of places x, y, z in mm, which broadcast."""
+    from scaffold_stages._kernels import tpms
+
+    surface = tpms.SURFACES[params.surface]
+    if params.kind == "sheet":
+        surface = tpms.sheet_of(surface)
+    corner = bounds[0] if params.origin is None else np.array(params.origin)
+
+    def level(x: Floats, y: Floats, z: Floats) -> Floats:
+        phases = (
+            2.0 * np.pi / params.cell_size * (place - start) for place, start in zip((x, y, z), corner, strict=True)
+        )
+        return surface(*phases)
+
+    grading = params.grading
+    if grading is None:
+        return level
+    axis = "xyz".index(grading.axis)
+    low, high = grading.between or bounds[:, axis].tolist()
+    steps = np.linspace(low, high, _STEPS)
+    shifts = tpms.levels_at(surface, np.linspace(*grading.porosity, _STEPS))
+    return lambda *places: level(*places) - np.interp(places[axis], steps, shifts)
+
+
+def _on_voxels(level: Level, voxels: Voxels) -> NDArray[np.float32]:
+    """Return the field on the voxels, plane after plane: whole, in double precision, it needs too much memory."""
+    x, y, z = voxels.axes
+    values = np.empty(voxels.inside.shape, np.float32)
+    for plane, place in zip(values, x, strict=True):
+        plane[:] = level(place, y[:, None], z)
+    values[~voxels.near] = values[voxels.near].min()
+    values.setflags(write=False)  # or the artifact would copy it
+    return values
