@@ -5,12 +5,14 @@ For comparing fields where a solid may not exist at all: `measure` judges files,
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scaffold_pipeline.artifacts import Certificate, Fact, Metrics, OuterShape, ScalarField
-from scaffold_pipeline.contract import Params, Share, stage
+from scaffold_pipeline.contract import Params, Share, Unit, stage
 from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels.grids import Bools, samples_inside
 
@@ -18,7 +20,7 @@ from scaffold_stages._kernels.grids import Bools, samples_inside
 class MeasureFieldParams(Params):
     """Parameters of `measure_field`."""
 
-    iso: float | None = None
+    iso: Annotated[float | None, Unit("field value")] = None
     """Solid is where the field is above it."""
 
     porosity: Share | None = Field(default=None, gt=0.0, lt=1.0)
