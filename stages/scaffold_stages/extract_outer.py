@@ -34,8 +34,8 @@ class ExtractOuterParams(Params):
 def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
     """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
 
-    Or take its bounding box. Where the boundary touches itself, it is parted by a hundredth of an edge, or no file of it
-    would be manifold. Raises `StageError` for cells that do not meet face to face and a boundary that passes through
+    Or take its bounding box. Where the boundary touches itself, it is parted by a hundredth of an edge, or no file of
+    it would be manifold. Raises `StageError` for cells that do not meet face to face and a boundary that passes through
     itself.
     """
     if params.shape == "box":

@@ -129,6 +129,12 @@ def _cleaned(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tup
             f"{name}: {collapsed} of {cells.count(given)} cells use a vertex twice (hexahedra that stand for wedges, "
             "or a `merge` wider than a cell); write them as the cells that they are, or lower merge"
         )
+    crossed = int(cells.crossed(vertices, given).sum())
+    if crossed:
+        raise StageError(
+            f"{name}: {crossed} of {cells.count(given)} cells have a face whose sides cross, as where their corners are "
+            f"not in the order of the file's format; {_REPAIR}"
+        )
     kept = _without(given, cells.repeated(given), "dropped {} cells with the corners of another", notes)
     kept = _without(kept, cells.flat(vertices, kept), "dropped {} cells without volume", notes)
     if not kept:

@@ -38,6 +38,13 @@ A heel bone kept 6 of 1,330 vertices off its surface without, none with it.
 _POOR = 0.2
 """Scaled Jacobian of a poor cell."""
 
+_PUSH = 0.2
+"""How far outwards, in cubes, a place is taken before the surface's nearest point is sought.
+
+Edges and corners are reached, and from amid a thin part its own side: 0 left 10 % of a box unfilled, 0.1 left 7 % and
+0.2 left 2 %; with 0.6 a hip bone had 21 vertices off its surface instead of 5.
+"""
+
 _FLOORS = (0.05, 0.3)
 """Scaled Jacobian that no cell falls below in the first and in the second half of the sweeps."""
 
@@ -122,14 +129,25 @@ def _relaxed(start: Floats, coated: Coated, surface: tuple[Floats, Ints], size: 
         targets, is_bound = _squared(moved, cells, quality, size), np.ones(count, bool)
         if round_ % _RELEASE == _RELEASE - 1 and round_ < _SWEEPS - _LAST:
             is_bound[cells[quality < _POOR]] = False
-        bound = outer[is_bound[outer]]
-        targets[bound] = nearest(targets[bound], surface)
+        pushed = targets[outer] + _PUSH * size * _outward(moved, coated)
+        bound = is_bound[outer]
+        targets[outer[bound]] = nearest(pushed[bound], surface)
         sweep(moved, targets, order, cells, starts, owners, _FLOORS[2 * round_ // _SWEEPS])
     for _ in range(_LAST):
         targets = moved.copy()
         targets[outer] = nearest(moved[outer], surface)
         sweep(moved, targets, order[-len(outer) :], cells, starts, owners, _LAST_FLOOR)
     return moved
+
+
+def _outward(vertices: Floats, coated: Coated) -> Floats:
+    """Return the unit normal of the boundary at each of its vertices, (k, 3)."""
+    ring = coated.cells[coated.cells[:, -1] >= coated.inner, 4:]
+    a, b, c, d = np.moveaxis(vertices[ring], 1, 0)
+    normals = np.zeros((len(vertices), 3))
+    np.add.at(normals, ring, np.cross(c - a, d - b)[:, None])
+    normals = normals[coated.inner :]
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny))
 
 
 def nearest(points: Floats, surface: tuple[Floats, Ints]) -> Floats:
