@@ -16,6 +16,7 @@ from scaffold_pipeline.memory import available_memory
 from scaffold_stages._kernels import triangles
 from scaffold_stages._kernels.grids import grid_over
 from scaffold_stages._volumes import cells, fitting, lattices
+from scaffold_stages._volumes.boundary import boundary_triangles
 from scaffold_stages._volumes.overlaps import cubes_met
 
 _BYTES_PER_CUBE, _BYTES_PER_CELL = 80, 2000
@@ -106,18 +107,21 @@ def _facts(outer: OuterShape, vertices: Floats, hexahedra: Ints) -> dict[str, Fa
 
 
 def _fit(outer: OuterShape, vertices: Floats, hexahedra: Ints, inner: int, size: float) -> dict[str, Fact]:
-    """Return how square the cells are and how near the boundary comes to the surface."""
+    """Return how square the cells are, how near their boundary comes to the surface, and this to it."""
     from scaffold_stages._kernels.hexahedra import least_jacobians
 
     quality = least_jacobians(vertices, hexahedra)
     boundary = vertices[inner:]
     off = np.linalg.norm(boundary - fitting.nearest(boundary, (outer.vertices, outer.faces)), axis=1)
+    skin, _ = boundary_triangles(vertices, cells.faces({"hexahedron": hexahedra}))
+    left_out = np.linalg.norm(outer.vertices - fitting.nearest(outer.vertices, (vertices, skin)), axis=1)
     return {
         "least_scaled_jacobian": float(quality.min()),
         "mean_scaled_jacobian": float(quality.mean()),
         "boundary_vertices": len(boundary),
         "vertices_off_surface": int((off > _ON_SURFACE * size).sum()),
         "farthest_off_surface": float(off.max()),
+        "farthest_left_out": float(left_out.max()),
     }
 
 

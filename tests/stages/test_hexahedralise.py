@@ -79,6 +79,9 @@ def test_the_boundary_of_fitted_cells_lies_on_the_surface_or_is_counted(fitted):
     assert mesh.facts["boundary_vertices"] == len(off)
     assert mesh.facts["vertices_off_surface"] == (off > 1e-6 * size).sum() == 0
     assert mesh.facts["farthest_off_surface"] == pytest.approx(off.max(), abs=1e-12)
+    left_out = distances(outer.vertices, boundary_of(mesh))
+    assert mesh.facts["farthest_left_out"] == pytest.approx(left_out.max(), abs=1e-9)
+    assert left_out.max() < 0.5 * size
 
 
 def test_fitted_cells_fill_the_shape_once_and_hang_together(fitted):
