@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+import shapes
 from scaffold_stages.make_mesh import MakeMeshParams, make_mesh
 
 Floats = NDArray[np.float64]
@@ -28,6 +29,12 @@ class Mesh(NamedTuple):
 
     vertices: Floats
     cells: dict[str, Ints]
+
+
+def hexahedra(counts: tuple[int, int, int], edge: float, origin: tuple[float, float, float]) -> Mesh:
+    """Fill a box with equal cubes."""
+    mesh = shapes.hexahedra(counts, edge)
+    return Mesh(origin + mesh.vertices, mesh.cells)
 
 
 def made(**given: object) -> Mesh:
