@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, ScalarField, VolumeMesh
 from scaffold_stages._kernels import triangles
+from scaffold_stages._volumes import lattices
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -63,23 +64,14 @@ def outer_of(surface: Surface) -> OuterShape:
 
 def tetrahedra(counts: tuple[int, int, int], edge: float = 1.0, origin: Point = (0.0, 0.0, 0.0)) -> VolumeMesh:
     """Fill a box of cubes with Kuhn's six tetrahedra to the cube."""
-    paths = [
-        np.cumsum([np.zeros(3, int), *np.eye(3, dtype=int)[list(order)]], axis=0) for order in permutations(range(3))
-    ]
-    odd = [np.linalg.det(path[1:] - path[0]) < 0 for path in paths]
-    paths = [path[[0, 2, 1, 3]] if turn else path for path, turn in zip(paths, odd, strict=True)]
-    corners = np.array([np.array(cell) + path for cell in product(*map(range, counts)) for path in paths])
-    lattice, cells = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return VolumeMesh(origin + edge * lattice, tetrahedra=cells.reshape(-1, 4).astype(np.int64))
+    lattice, cells = lattices.on_lattice(lattices.block(counts), lattices.TETRAHEDRA)
+    return VolumeMesh(origin + edge * lattice, tetrahedra=cells)
 
 
 def hexahedra(counts: tuple[int, int, int], edge: float = 1.0) -> VolumeMesh:
     """Fill a box with cubes."""
-    ring = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
-    cube = np.array([(*place, z) for z in (0, 1) for place in ring])
-    corners = np.array([np.array(cell) + cube for cell in product(*map(range, counts))])
-    lattice, cells = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
-    return VolumeMesh(edge * lattice.astype(float), hexahedra=cells.reshape(-1, 8).astype(np.int64))
+    lattice, cells = lattices.on_lattice(lattices.block(counts), lattices.HEXAHEDRON)
+    return VolumeMesh(edge * lattice, hexahedra=cells)
 
 
 def squares(counts: tuple[int, int], edge: float = 1.0, z: float = 0.0) -> PlanarMesh:

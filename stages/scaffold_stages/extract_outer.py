@@ -12,7 +12,7 @@ from scaffold_pipeline.contract import Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
 from scaffold_stages._kernels import triangles
-from scaffold_stages._volumes import cells, touching
+from scaffold_stages._volumes import cells, lattices, touching
 from scaffold_stages._volumes.boundary import boundary_triangles
 
 _REPAIR = "mend the mesh where it was made, or load its surface with load_surface and use tetrahedralise"
@@ -23,6 +23,9 @@ _BENT = 1e-6
 class ExtractOuterParams(Params):
     """Parameters of `extract_outer`."""
 
+    shape: Literal["boundary", "box"] = "boundary"
+    """The mesh's own boundary, or its bounding box along the axes: what the figures of Liu, Guo and Yu show."""
+
     touching: Literal["part", "refuse"] = "part"
     """What to do where the boundary touches itself at a vertex or an edge: move its sheets apart, or stop."""
 
@@ -31,9 +34,12 @@ class ExtractOuterParams(Params):
 def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
     """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
 
-    Where it touches itself, it is parted by a hundredth of an edge, or no file of it would be manifold. Raises
-    `StageError` for cells that do not meet face to face and a boundary that passes through itself.
+    Or take its bounding box. Where the boundary touches itself, it is parted by a hundredth of an edge, or no file of
+    it would be manifold. Raises `StageError` for cells that do not meet face to face and a boundary that passes through
+    itself.
     """
+    if params.shape == "box":
+        return _box(mesh)
     faces = cells.faces(mesh.cells)
     if len(faces.clashing) or len(faces.crowded):
         raise StageError(
@@ -51,6 +57,14 @@ def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape
     if abs(bent) > _BENT and len(faces.quadrangles):
         notes.append(f"cutting bent quadrangles changed the volume by {bent:.2g} of itself")
     return OuterShape(outer.vertices, outer.faces, tuple(notes))
+
+
+def _box(mesh: VolumeMesh) -> OuterShape:
+    bounds = np.stack([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
+    lattice, hexahedron = lattices.on_lattice(np.zeros((1, 3), np.int64), lattices.HEXAHEDRON)
+    corners = np.take_along_axis(bounds, lattice, axis=0)
+    surface, _ = boundary_triangles(corners, cells.faces({"hexahedron": hexahedron}))
+    return OuterShape(corners, surface, (f"bounding box of {cells.count(mesh.cells)} cells",))
 
 
 def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:

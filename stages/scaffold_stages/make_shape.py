@@ -7,7 +7,6 @@ z up along the shaft, x medial, y anterior.
 
 from __future__ import annotations
 
-from itertools import combinations
 from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
@@ -17,6 +16,7 @@ from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.contract import Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels import triangles
+from scaffold_stages._kernels.polyhedra import icosahedron
 from scaffold_stages._kernels.triangles import Floats, Ints
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _box(size: Size, facet: float) -> Mesh:
 def _ball(size: Size, facet: float) -> Mesh:
     """Divide the faces of an icosahedron evenly and push the corners out to the sphere."""
     radius = size[2] / 2.0
-    base, base_faces = _icosahedron()
+    base, base_faces = icosahedron()
     # An edge of the icosahedron spans arctan(2) of the sphere.
     count = int(np.ceil(radius * np.arctan(2.0) / facet))
     i, j = (index.ravel() for index in np.indices((count, count)))
@@ -129,18 +129,6 @@ def _ball(size: Size, facet: float) -> Mesh:
     places = unique @ base
     vertices = radius * places / np.linalg.norm(places, axis=1, keepdims=True) + [0.0, 0.0, radius]
     return vertices, index.reshape(-1, 3).astype(np.int64)
-
-
-def _icosahedron() -> Mesh:
-    """Return its 12 vertices, cyclic turns of (0, +-1, +-golden ratio), and 20 outward faces."""
-    golden = (1.0 + np.sqrt(5.0)) / 2.0
-    turns = [np.roll([0.0, one, two], turn) for turn in range(3) for one in (-1, 1) for two in (-golden, golden)]
-    vertices = np.array(turns)
-    triples = np.array(list(combinations(range(12), 3)))
-    sides = vertices[triples] - np.roll(vertices[triples], 1, axis=1)
-    faces = triples[np.isclose(np.linalg.norm(sides, axis=2), 2.0).all(axis=1)]
-    inward = np.linalg.det(vertices[faces]) < 0.0
-    return vertices, triangles.turn_faces(faces, inward)
 
 
 def _cylinder(size: Size, facet: float) -> Mesh:

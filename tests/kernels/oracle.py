@@ -6,11 +6,14 @@ a search instead of a formula; the system is solved by `numpy.linalg.lstsq`.
 
 from __future__ import annotations
 
-from itertools import combinations, product
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+import shapes
+from scaffold_stages.make_mesh import MakeMeshParams, make_mesh
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -30,43 +33,35 @@ class Mesh(NamedTuple):
 
 def hexahedra(counts: tuple[int, int, int], edge: float, origin: tuple[float, float, float]) -> Mesh:
     """Fill a box with equal cubes."""
-    corners = np.concatenate([HEXAHEDRON + cell for cell in product(*map(range, counts))])
-    lattice, cells = np.unique(corners, axis=0, return_inverse=True)
-    return Mesh(origin + edge * lattice, {"hexahedron": cells.reshape(-1, 8).astype(np.int64)})
+    mesh = shapes.hexahedra(counts, edge)
+    return Mesh(origin + mesh.vertices, mesh.cells)
+
+
+def made(**given: object) -> Mesh:
+    mesh = make_mesh(params=MakeMeshParams.model_validate(given))
+    return Mesh(mesh.vertices, mesh.cells)
 
 
 def one_hexahedron() -> Mesh:
-    return hexahedra((1, 1, 1), 2.0, (-1.0, -1.0, -1.0))
+    return made(shape="hexahedron")
 
 
 def eight_hexahedra() -> Mesh:
-    return hexahedra((2, 2, 2), 0.5, (-0.5, -0.5, -0.5))
+    return made(shape="cube")
 
 
 def four_hexahedra_in_a_row() -> Mesh:
-    return hexahedra((4, 1, 1), 1.0, (0.0, 0.0, 0.0))
+    return made(shape="rod")
 
 
 def icosahedron() -> Mesh:
     """20 tetrahedra about the centre of an icosahedron of circumradius 1."""
-    golden = (1.0 + 5.0**0.5) / 2.0
-    flat = [(0.0, i, j * golden) for i in (-1.0, 1.0) for j in (-1.0, 1.0)]
-    shell = np.array([np.roll(corner, shift) for shift in range(3) for corner in flat]) / np.hypot(1.0, golden)
-    side = 2.0 / np.hypot(1.0, golden)
-    triangles = [
-        three
-        for three in combinations(range(12), 3)
-        if all(np.isclose(np.linalg.norm(shell[a] - shell[b]), side) for a, b in combinations(three, 2))
-    ]
-    outward = [three if np.linalg.det(shell[list(three)]) > 0 else three[::-1] for three in triangles]
-    tetrahedra = [(12, *three) for three in outward]
-    return Mesh(np.vstack([shell, np.zeros(3)]), {"tetrahedron": np.array(tetrahedra)})
+    return made(shape="icosahedron")
 
 
 def one_tetrahedron() -> Mesh:
     """A regular tetrahedron."""
-    vertices = np.array([(1, 1, 1), (-1, -1, 1), (-1, 1, -1), (1, -1, -1)], dtype=float)
-    return Mesh(vertices, {"tetrahedron": np.array([(0, 2, 1, 3)])})
+    return made(shape="tetrahedron")
 
 
 REFERENCE_MESHES = {

@@ -203,3 +203,12 @@ def test_the_example_makes_a_printable_solid_from_its_mesh(tmp_path: Path):
     assert main(["run", str(ROOT / "configs" / "volume_mesh.yaml"), "--out", str(out), "--quiet", *coarse]) == 0
     octagon = 2.0 * np.sqrt(2.0) * 8.0**2
     assert faults_of(out / "solid.stl", 16.0 * octagon, 0.6) == []
+
+
+def test_the_bounding_box_is_taken_where_that_is_asked_for():
+    mesh = moved(blocks_without((3, 2, 2), [(0, 0, 0), (2, 1, 1)]), (5.0, -3.0, 1.0))
+    outer = extract_outer(mesh, params=ExtractOuterParams(shape="box"))
+    require_closed(outer.vertices, outer.faces)
+    np.testing.assert_array_equal(outer.bounds, [[5.0, -3.0, 1.0], [11.0, 1.0, 5.0]])
+    assert (len(outer.faces), outer.volume) == (12, pytest.approx(96.0))
+    assert outer.notes == ("bounding box of 10 cells",)

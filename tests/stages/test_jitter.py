@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import igl
 import numpy as np
 import pytest
@@ -11,8 +13,10 @@ from scaffold_pipeline.artifacts import VolumeMesh
 from scaffold_pipeline.cell_types import cell_volumes
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_stages import jitter as module
+from scaffold_stages._kernels.hexahedra import least_jacobians
 from scaffold_stages._kernels.moving import LEAST_SHARE, parts_of, random_steps, sound_move
 from scaffold_stages.jitter import JitterParams, jitter
+from scaffold_stages.make_mesh import MakeMeshParams, make_mesh
 from shapes import hexahedra, tetrahedra
 
 MESH = tetrahedra((4, 5, 6), 2.0, (10.0, -5.0, 3.0))
@@ -238,3 +242,18 @@ def test_a_cell_folded_to_begin_with_folds_no_further():
     after = parts_of(jittered(folded, amount=0.4).vertices, mesh.hexahedra, "hexahedron")
     assert (after >= before)[is_folded].all()
     assert (after[~is_folded] > 0.0).all()
+
+
+@pytest.mark.parametrize("boundary", ["surface", "free"])
+def test_the_papers_eight_hexahedra_are_disturbed_by_seed_and_none_is_inverted(boundary: str):
+    cube = make_mesh(params=MakeMeshParams(shape="cube"))
+    meshes = [jittered(cube, seed, amount=0.3, boundary=boundary) for seed in range(3)]
+    for seed, mesh in enumerate(meshes):
+        again = jittered(cube, seed, amount=0.3, boundary=boundary)
+        assert mesh.vertices.tobytes() == again.vertices.tobytes()
+        assert least_jacobians(mesh.vertices, mesh.hexahedra).min() > 0.1
+        assert (parts_of(mesh.vertices, mesh.hexahedra, "hexahedron") > 0.0).all()
+    for one, other in combinations(meshes, 2):
+        assert (steps_of(one, other) > 0.0).mean() > 0.5
+    if boundary == "surface":
+        assert max(off_boundary(cube, mesh.vertices[on_hull(cube)]).max() for mesh in meshes) < 1e-12

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -445,6 +446,23 @@ def test_a_folded_cell_is_told_of(tmp_path: Path):
     with pytest.warns(PipelineWarning, match="1 of 1 cells are folded"):
         mesh = loaded(written(tmp_path / "folded.vtk", as_vtk(points, [tuple(range(8))], [12])))
     assert mesh.facts["cells_folded"] == 1
+
+
+@pytest.mark.parametrize("order", [(0, 1, 3, 2, 4, 5, 7, 6), (0, 1, 2, 3, 4, 5, 7, 6), (1, 0, 2, 3, 4, 5, 6, 7)])
+def test_a_cell_with_crossed_faces_is_refused(order: tuple[int, ...], tmp_path: Path):
+    refused(
+        written(tmp_path / "crossed.vtk", as_vtk(POINTS, [order], [12])), "1 of 1 cells have a face whose sides cross"
+    )
+
+
+def test_a_cell_with_bent_or_hollow_faces_is_no_crossed_one(tmp_path: Path):
+    for corner, place in ((6, (4.5, 5.0, 3.0)), (2, (1.8, 1.8, 0.0))):
+        points = POINTS[:8].copy()
+        points[corner] = place
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", PipelineWarning)  # the hollow one is folded
+            mesh = loaded(written(tmp_path / "bent.vtk", as_vtk(points, [tuple(range(8))], [12])))
+        assert len(mesh.hexahedra) == 1
 
 
 def cracked(path: Path, gap: float):

@@ -89,6 +89,22 @@ def collapsed(cells: Cells) -> Mask:
     return np.concatenate([(row[:, 1:] == row[:, :-1]).any(axis=1) for row in rows])
 
 
+def crossed(vertices: Floats, cells: Cells) -> Mask:
+    """Return which cells have a quadrangle whose sides cross, (m,): it turns one way at two corners, back at two."""
+    return np.concatenate([_crossed_of_kind(vertices[corners], kind) for kind, corners in cells.items()])
+
+
+def _crossed_of_kind(corners: Floats, kind: str) -> Mask:
+    is_crossed = np.zeros(len(corners), dtype=bool)
+    for face in CELL_TYPES[kind].faces:
+        ring = corners[:, face]
+        ahead = np.roll(ring, -1, axis=1) - ring
+        turns = np.cross(np.roll(ahead, 1, axis=1), ahead)
+        against = np.einsum("mki,mi->mk", turns, turns[:, 0]) < 0.0
+        is_crossed |= against.sum(axis=1) == len(face) // 2  # one corner against three is hollow
+    return is_crossed
+
+
 def repeated(cells: Cells) -> Mask:
     """Return which cells have the same corners as an earlier one of their kind, (m,)."""
     return np.concatenate([triangles.repeated_faces(corners) for corners in cells.values()])
