@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from scaffold_pipeline import runner
 from scaffold_pipeline.plan import Step
-from scaffold_pipeline.runner import StepRecord
+from scaffold_pipeline.records import StepRecord
 
 _GIB = 2**30
 

@@ -24,9 +24,10 @@ from packaging.requirements import Requirement
 from scaffold_pipeline import __version__
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.plan import Plan
+from scaffold_pipeline.records import config_hash
 from scaffold_pipeline.registry import stage_owners
 from scaffold_pipeline.report.page import render_page
-from scaffold_pipeline.runner import STORE, RunResult, config_hash, locked
+from scaffold_pipeline.runner import STORE, RunResult, locked
 from scaffold_pipeline.store import Store, hash_file
 from scaffold_pipeline.yaml_source import to_yaml
 
