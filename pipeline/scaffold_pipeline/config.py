@@ -26,7 +26,8 @@ from scaffold_pipeline.yaml_source import Document
 
 _TOP_LEVEL = ("name", "seed", "stages")
 _STAGE_WORDS = ("use", "as", "from")
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+NAME_RULE = "must be letters, digits, dots, dashes and underscores, as it names a folder"
 _SLOT = re.compile(r"[a-z][a-z0-9_]*")
 _GREATEST_SEED = 2**63 - 1
 
@@ -164,9 +165,8 @@ def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
         if key not in _TOP_LEVEL:
             yield draft.fault((str(key),), f"unknown key {key!r}{did_you_mean(str(key), _TOP_LEVEL)}")
     name = values["name"]
-    if not (isinstance(name, str) and _NAME.fullmatch(name)):
-        rule = "must be letters, digits, dots, dashes and underscores, as it names a folder"
-        yield draft.fault(("name",), f"name: {rule}, got {name!r}")
+    if not (isinstance(name, str) and NAME.fullmatch(name)):
+        yield draft.fault(("name",), f"name: {NAME_RULE}, got {name!r}")
     seed = values.get("seed", 0)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
         yield draft.fault(("seed",), f"seed: must be a whole number from 0 to 2^63 - 1, got {seed!r}")
@@ -177,7 +177,7 @@ def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
 def _read_stage(draft: Draft, index: int, entry: object, context: dict[str, Any]) -> tuple[StageDraft, list[Fault]]:
     path = ("stages", index)
     if not isinstance(entry, dict) or not isinstance(entry.get("use"), str):
-        message = f"stages.{index}: must be a mapping with `use: STAGE`, got {_shown(entry)}"
+        message = f"stages.{index}: must be a mapping with `use: STAGE`, got {shown(entry)}"
         return StageDraft(index, "?", None, None), [draft.fault(path, message)]
     bare = StageDraft(index, entry["use"], None, None)
     try:
@@ -216,15 +216,16 @@ def _message(detail: ErrorDetails, stage: Stage) -> str:
     """Return pydantic's finding as: parameter, rule, value, remedy."""
     place = ".".join(str(part) for part in detail["loc"])
     if detail["type"] == "extra_forbidden":
-        return f"unknown parameter {place!r}{did_you_mean(place, stage.params.model_fields)}"
+        return _unknown_parameter(place, stage)
     if detail["type"] == "missing":
         return f"{place}: is required"
     rule = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("Input", "it")
     subject = f"{place}: {rule}" if place else rule
-    return subject if detail["type"] == "value_error" else f"{subject}, got {_shown(detail['input'])}"
+    return subject if detail["type"] == "value_error" else f"{subject}, got {shown(detail['input'])}"
 
 
-def _shown(value: object) -> str:
+def shown(value: object) -> str:
+    """Return a value as a fault shows it."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."  # noqa: PLR2004 - keeps a fault on one line
 
@@ -267,6 +268,23 @@ def _setting_path(values: dict[Any, Any], setting: Setting) -> yaml_source.Path:
     if len(matches) > 1:
         raise LookupError(f"{head!r} stands {len(matches)} times; write stages.{matches[0]}.{rest} for the first")
     return ("stages", matches[0], *rest.split("."))
+
+
+def target_fault(document: Document, setting: Setting) -> Fault | None:
+    """Return what is wrong with a setting's target, whatever its value: no such stage, or no such parameter."""
+    try:
+        path = _setting_path(document.values, setting)
+        use = document.values["stages"][path[1]]["use"] if len(path) > 1 else None
+        stage = load_stage(use) if isinstance(use, str) else None
+    except (LookupError, StageDefinitionError) as error:
+        return setting.fault(str(error.args[0]))
+    if stage is None or path[2] in (*_STAGE_WORDS, *stage.params.model_fields):
+        return None
+    return setting.fault(f"{setting.target}: {_unknown_parameter(str(path[2]), stage)}")
+
+
+def _unknown_parameter(place: str, stage: Stage) -> str:
+    return f"unknown parameter {place!r}{did_you_mean(place, stage.params.model_fields)}"
 
 
 def _assign(values: Any, path: yaml_source.Path, setting: Setting) -> None:  # noqa: ANN401 - a YAML tree

@@ -74,7 +74,7 @@ class MeasureParams(Params):
         return room
 
 
-@stage(writes="metrics", version=4)
+@stage(writes="metrics", version=4, libraries=("libigl", "pymeshlab", "scipy"))
 def measure(
     solid: Solid,
     outer: OuterShape,
