@@ -64,10 +64,11 @@ def parse_size(text: str, source: str) -> int:
 
 
 class Cache:
-    """The folder of a cache; it is made when something is first stored."""
+    """The folder of a cache, made when something is first stored, and the bytes that `prune` leaves in it."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, limit: int | None = None) -> None:
         self.root = root
+        self.limit = limit
         self.store = Store(root)
 
     def hold(self, key: str) -> FileLock:
@@ -121,9 +122,10 @@ class Cache:
         """Return the bytes of all results."""
         return sum(_size(path) for path in self.store.root.rglob("*"))
 
-    def prune(self, limit: int) -> int:
+    def prune(self, limit: int | None = None) -> int:
         """Drop what was used longest ago until `limit` bytes are left at most; return the bytes that were freed."""
-        if not self.root.is_dir():
+        limit = self.limit if limit is None else limit
+        if limit is None or not self.root.is_dir():
             return 0
         self.store.make_folders()
         before, entries = self.size(), self.entries()
@@ -132,7 +134,9 @@ class Cache:
         while entries and left > limit:
             oldest = entries.pop()
             needed.subtract(oldest.files.keys())
-            left -= sum(size for path, size in oldest.files.items() if not needed[path])
+            for path in [path for path in oldest.files if not needed[path]]:
+                left -= oldest.files[path]
+                path.unlink(missing_ok=True)
             self._lock(oldest.key).unlink(missing_ok=True)
         now = time.time()
         self.store.keep_only((entry.key for entry in entries), spare_newer_than=now - _ORPHAN_AGE)

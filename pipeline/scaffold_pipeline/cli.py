@@ -24,7 +24,6 @@ from scaffold_pipeline.command_line import (
     Quiet,
     Settings,
     answer,
-    cache_limit,
     chosen_cache,
 )
 from scaffold_pipeline.errors import lines_and_code
@@ -97,7 +96,7 @@ def run(  # noqa: PLR0913 - one argument an option
         if result.is_complete:
             publish(plan, result, folder)
     if shared is not None:
-        shared.prune(cache_limit())
+        shared.prune()
     if not result.is_complete:
         return answer({"out": str(folder), "until": until}, f"stopped after {until}", as_json=as_json)
     failed = result.metrics.failed_gates if result.metrics else ()

@@ -38,15 +38,11 @@ def answer(value: object, text: str, *, as_json: bool) -> int:
 
 
 def chosen_cache(folder: Path | None) -> Cache | None:
-    """Return the cache that the user names, here or in the environment, or None."""
-    from scaffold_pipeline.cache import FOLDER_VARIABLE, Cache
+    """Return the cache that the user names, here or in the environment, with the limit that stands there, or None."""
+    from scaffold_pipeline.cache import DEFAULT_LIMIT, FOLDER_VARIABLE, LIMIT_VARIABLE, Cache, parse_size
 
     chosen = folder or os.environ.get(FOLDER_VARIABLE)
-    return Cache(Path(chosen).expanduser().absolute()) if chosen else None
-
-
-def cache_limit() -> int:
-    """Return the bytes that a cache shared by runs is kept below."""
-    from scaffold_pipeline.cache import DEFAULT_LIMIT, LIMIT_VARIABLE, parse_size
-
-    return parse_size(os.environ.get(LIMIT_VARIABLE) or DEFAULT_LIMIT, LIMIT_VARIABLE)
+    if not chosen:
+        return None
+    limit = parse_size(os.environ.get(LIMIT_VARIABLE) or DEFAULT_LIMIT, LIMIT_VARIABLE)
+    return Cache(Path(chosen).expanduser().absolute(), limit)

@@ -25,6 +25,8 @@ from scaffold_pipeline.registry import load_stage
 from scaffold_pipeline.yaml_source import Document
 
 _TOP_LEVEL = ("name", "seed", "stages")
+STUDY_KEYS = frozenset({"base", "runs", "vary"})
+"""Keys by which a study is told from a config."""
 _STAGE_WORDS = ("use", "as", "from")
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 NAME_RULE = "must be letters, digits, dots, dashes and underscores, as it names a folder"
@@ -161,6 +163,10 @@ def _read_text(path: Path) -> str:
 
 
 def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
+    if STUDY_KEYS & set(values):
+        command = f"`scaffold-pipeline study {draft.document.source}`"
+        yield draft.fault((), f"this is a study; start it with {command}")
+        return
     for key in values:
         if key not in _TOP_LEVEL:
             yield draft.fault((str(key),), f"unknown key {key!r}{did_you_mean(str(key), _TOP_LEVEL)}")

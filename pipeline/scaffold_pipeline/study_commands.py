@@ -18,7 +18,6 @@ from scaffold_pipeline.command_line import (
     Quiet,
     Settings,
     answer,
-    cache_limit,
     chosen_cache,
 )
 from scaffold_pipeline.errors import ConfigError, Fault
@@ -75,7 +74,7 @@ def study(  # noqa: PLR0913 - one argument an option
     with watch_study(quiet=quiet or as_json) as watcher:
         states = run_study(asked, folder, cache=shared, workers=workers, keep_going=keep_going, watcher=watcher)
     if shared is not None:
-        shared.prune(cache_limit())
+        shared.prune()
     return _tell_end(folder, states, quiet=quiet, as_json=as_json)
 
 
@@ -159,7 +158,7 @@ def cache_prune(folder: CacheName = None, *, keep: str | None = None, as_json: J
     from scaffold_pipeline.report.wording import to_size
 
     used = _named(folder)
-    freed = used.prune(parse_size(keep, "--keep") if keep is not None else cache_limit())
+    freed = used.prune(None if keep is None else parse_size(keep, "--keep"))
     return answer({"freed_bytes": freed}, f"{used.root}: {to_size(freed)} freed", as_json=as_json)
 
 

@@ -22,6 +22,7 @@ from scaffold_pipeline import yaml_source
 from scaffold_pipeline.config import (
     NAME,
     NAME_RULE,
+    STUDY_KEYS,
     Setting,
     make_draft,
     read_document,
@@ -68,7 +69,7 @@ class Study:
 
 def is_study(path: Path) -> bool:
     """Return whether the YAML file at `path` is a study rather than a config."""
-    return bool({"base", "runs", "vary"} & set(read_document(path, "a study or a config is a mapping").values))
+    return bool(STUDY_KEYS & set(read_document(path, "a study or a config is a mapping").values))
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,7 @@ def _top_level_faults(document: Document) -> Iterator[Fault]:
         yield document.fault((key,), f"{key}: cannot stand beside runs, which lists whole configs")
     if not {"base", "runs"} & set(values):
         yield document.fault((), "needs `base:`, the config to vary, or `runs:`, a list of configs")
-    elif not {"runs", "vary", "repeats"} & set(values):
+    elif set(values) <= {"name", "base", "mode"}:
         yield document.fault(("base",), "nothing varies; give vary or repeats")
 
 

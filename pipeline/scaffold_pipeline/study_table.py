@@ -114,7 +114,8 @@ def _kept(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return what `study.json` holds of a point's record."""
     facts = ("key", "output", "seconds", "reused")
     stages = {stage["label"]: {fact: stage[fact] for fact in facts} for stage in record["stages"]}
-    return {**{key: record[key] for key in _OF_A_RECORD}, "stages": stages}
+    kept = {key: record[key] for key in _OF_A_RECORD}
+    return {**kept, "threads": record["platform"]["threads"], "stages": stages}
 
 
 def _has_files(folder: Path, record: Mapping[str, Any]) -> bool:
