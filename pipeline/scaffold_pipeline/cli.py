@@ -119,7 +119,7 @@ def validate(config: Path, *, settings: Settings = [], as_json: Json = False) ->
     from scaffold_pipeline.study_file import is_study, read_study
 
     if is_study(config):
-        names = [point.name for point in read_study(config, settings, may_be_large=True).points]
+        names = [point.name for point in read_study(config, settings).points]
         return answer({"valid": True, "points": names}, f"{config}: ok, {len(names)} points", as_json=as_json)
     plan = _plan(config, settings)
     return answer({"valid": True, "stages": plan.labels}, f"{config}: ok, {len(plan.steps)} stages", as_json=as_json)

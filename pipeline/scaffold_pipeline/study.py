@@ -60,9 +60,14 @@ class Site:
         return read_state(self.point.name, self.point.varied, self.folder, self.config_sha256)
 
     @property
+    def work(self) -> frozenset[str]:
+        """The hashes of all that is not stored."""
+        return frozenset(recipe for label, recipe in self.recipes.items() if label not in self.unchanged)
+
+    @property
     def is_done(self) -> bool:
         """Whether all that the point asks for lies there."""
-        return len(self.unchanged) == len(self.recipes) and self.state.status == "done"
+        return not self.work and self.state.status == "done"
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ def own_cache(out: Path) -> Cache:
 
 def work_left(sites: Iterable[Site]) -> int:
     """Return the number of results that are not stored, each counted once however many points share it."""
-    return len({recipe for site in sites for label, recipe in site.recipes.items() if label not in site.unchanged})
+    return len(frozenset[str]().union(*(site.work for site in sites)))
 
 
 def _site(point: Point, out: Path, cache: Cache) -> Site:
@@ -164,7 +169,7 @@ class _Bench:
         self.write()
 
     def tasks(self) -> list[Task]:
-        return [Task(name, frozenset(site.recipes.values())) for name, site in self.left.items()]
+        return [Task(name, site.work) for name, site in self.left.items()]
 
     def ended(self, name: str, outcome: Outcome) -> None:
         """Keep what became of a point."""
