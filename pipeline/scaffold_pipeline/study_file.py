@@ -1,6 +1,7 @@
 """A study file to points: each a config of its own, every fault found, each with its place.
 
 base: ../heel.yaml            # a config, relative to this file
+set: {write_solid.preview: false}             # values of all points, as `--set` gives them
 vary:                         # what takes the place of its values, named as for `--set`
   isosurface.porosity: [0.5, 0.6, 0.7]
   jitter.amount: {linspace: [0.0, 0.3, 4]}    # or {range: [start, stop, step]}
@@ -33,13 +34,13 @@ from scaffold_pipeline.config import (
 from scaffold_pipeline.errors import ConfigError, Fault, did_you_mean
 from scaffold_pipeline.plan import Plan, make_plan
 from scaffold_pipeline.store import hash_json
-from scaffold_pipeline.variations import MODES, Variations, read_variations
+from scaffold_pipeline.variations import MODES, Variations, read_variations, setting
 from scaffold_pipeline.yaml_source import Document
 
 MOST_POINTS = 2000
 """A study of more points than this is asked about: it may be a slip of the pen."""
 
-_TOP_LEVEL = ("name", "base", "vary", "mode", "repeats", "runs")
+_TOP_LEVEL = ("name", "base", "set", "vary", "mode", "repeats", "runs")
 _OTHER_SIGNS = re.compile(r"[^A-Za-z0-9._-]+")
 _LONGEST_NAME = 80
 
@@ -90,7 +91,8 @@ def read_study(path: Path, settings: Sequence[str] = (), *, may_be_large: bool =
     """
     document = read_document(path, "a study is a mapping with the keys base and vary, or runs")
     _raise_any([*document.faults, *_top_level_faults(document)])
-    given = read_settings(settings)
+    given = (*_own_settings(document), *read_settings(settings))
+    _raise_any(fault for fault in map(_name_fault, given) if fault)
     singles = _from_runs(document, given) if "runs" in document.values else _from_base(document, given)
     repeats = document.values.get("repeats", 1)
     count = singles.count * repeats
@@ -119,8 +121,19 @@ def _top_level_faults(document: Document) -> Iterator[Fault]:
         yield document.fault((key,), f"{key}: cannot stand beside runs, which lists whole configs")
     if not {"base", "runs"} & set(values):
         yield document.fault((), "needs `base:`, the config to vary, or `runs:`, a list of configs")
-    elif set(values) <= {"name", "base", "mode"}:
+    elif set(values) <= {"name", "base", "set", "mode"}:
         yield document.fault(("base",), "nothing varies; give vary or repeats")
+
+
+def _own_settings(document: Document) -> tuple[Setting, ...]:
+    entry = document.values.get("set", {})
+    if not isinstance(entry, dict):
+        raise ConfigError([document.fault(("set",), f"set: must map parameters to values, got {shown(entry)}")])
+    return tuple(setting(document, ("set", str(target)), str(target), value) for target, value in entry.items())
+
+
+def _name_fault(given: Setting) -> Fault | None:
+    return given.fault("name: the study names its points itself") if given.target == "name" else None
 
 
 def _from_base(document: Document, given: tuple[Setting, ...]) -> _Singles:
@@ -135,7 +148,7 @@ def _from_base(document: Document, given: tuple[Setting, ...]) -> _Singles:
 
     def points() -> Iterator[Point]:
         for settings in found.combinations():
-            varied = {setting.target: setting.value for setting in settings}
+            varied = {each.target: each.value for each in settings}
             yield Point(_point_name(varied, short), varied, config, (*given, *settings))
 
     return _Singles("vary", found.count, found.targets, points)
@@ -143,14 +156,11 @@ def _from_base(document: Document, given: tuple[Setting, ...]) -> _Singles:
 
 def _target_faults(config: Document, found: Variations, given: tuple[Setting, ...]) -> Iterator[Fault]:
     for head in found.heads:
-        if head.target == "name":
-            yield head.fault("name: the study names its points itself")
-        else:
-            fault = target_fault(config, head)
-            yield from [fault] if fault else []
-    for setting in given:
-        if setting.target in found.targets:
-            yield setting.fault(f"the study varies {setting.target}; change its values there")
+        fault = _name_fault(head) or target_fault(config, head)
+        yield from [fault] if fault else []
+    for fixed in given:
+        if fixed.target in found.targets:
+            yield fixed.fault(f"the study varies {fixed.target}; change its values there")
 
 
 def _from_runs(document: Document, given: tuple[Setting, ...]) -> _Singles:
@@ -184,12 +194,11 @@ def _repeated(point: Point, repeats: int) -> Iterator[Point]:
     if repeats == 1:
         yield point
         return
-    seeds = [setting for setting in point.settings if setting.target == "seed"]
+    seeds = [given for given in point.settings if given.target == "seed"]
     root = seeds[-1].value if seeds else point.config.values.get("seed", 0)
     for number in range(1, repeats + 1):
         seed = root if number == 1 else derived_seed(root, number)
-        setting = Setting("seed", seed, Fault(0, 0, "", "repeats"))
-        own = [] if number == 1 else [setting]
+        own = [] if number == 1 else [Setting("seed", seed, Fault(0, 0, "", "repeats"))]
         varied = {**point.varied, "repeat": number, "seed": seed}
         name = "_".join(part for part in (point.name, f"repeat-{number}") if part)
         yield Point(name, varied, point.config, (*point.settings, *own))

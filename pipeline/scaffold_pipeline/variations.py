@@ -30,9 +30,9 @@ class Axis:
     value: Callable[[int], object]
     path: Callable[[int], Path]
 
-    def setting(self, index: int, document: Document) -> Setting:
+    def at(self, index: int, document: Document) -> Setting:
         """Return the setting that gives the parameter its value number `index`."""
-        return _setting(document, self.path(index), self.target, self.value(index))
+        return setting(document, self.path(index), self.target, self.value(index))
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,8 @@ def read_variations(document: Document, mode: str) -> Variations | list[Fault]:
     return faults or _combined(document, axes, mode)
 
 
-def _setting(document: Document, path: Path, target: str, value: object = None) -> Setting:
+def setting(document: Document, path: Path, target: str, value: object = None) -> Setting:
+    """Return the setting that stands at `path` of a study file."""
     return Setting(target, value, document.fault(path, ""), FilePath(document.source).parent)
 
 
@@ -71,11 +72,11 @@ def _combined(document: Document, axes: list[Axis], mode: str) -> Variations:
     def combinations() -> Iterator[tuple[Setting, ...]]:
         ranges = map(range, counts)
         for indices in zip(*ranges, strict=True) if mode == "zip" else product(*ranges):
-            yield tuple(axis.setting(index, document) for axis, index in zip(axes, indices, strict=True))
+            yield tuple(axis.at(index, document) for axis, index in zip(axes, indices, strict=True))
 
     count = counts[0] if mode == "zip" else math.prod(counts)
     targets = tuple(axis.target for axis in axes)
-    heads = [_setting(document, ("vary", target), target) for target in targets]
+    heads = [setting(document, ("vary", target), target) for target in targets]
     return Variations(count, targets, combinations, tuple(heads))
 
 
@@ -104,11 +105,11 @@ def _from_list(document: Document, entry: object) -> Variations | list[Fault]:
         return faults
 
     points = [
-        tuple(_setting(document, ("vary", index, str(target)), str(target), value) for target, value in point.items())
+        tuple(setting(document, ("vary", index, str(target)), str(target), value) for target, value in point.items())
         for index, point in enumerate(entry)
     ]
-    heads = tuple(setting for point in points for setting in point)
-    targets = tuple(dict.fromkeys(setting.target for setting in heads))
+    heads = tuple(each for point in points for each in point)
+    targets = tuple(dict.fromkeys(each.target for each in heads))
     return Variations(len(points), targets, lambda: iter(points), heads)
 
 

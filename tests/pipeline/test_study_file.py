@@ -119,6 +119,16 @@ def test_a_linspace_has_both_ends(numbers: tuple[float, ...], expected: list[flo
     assert [type(number) for number in got] == [type(number) for number in expected]
 
 
+def test_values_of_all_points_stand_in_the_study_or_its_command(project: Project):
+    fixed = "set: {grow_points.factor: 4.0, scatter_points.amount: 0.3}"
+    text = f"base: base.yaml\n{fixed}\nvary: {{make_points.count: [2, 3]}}\n"
+    found = study(project, text, "grow_points.factor=5")
+    for point in found.points:
+        _, scattered, grown, _ = point.plan().resolved()["stages"]
+        assert (scattered["amount"], grown["factor"]) == (0.3, 5)
+    assert found.columns == ("make_points.count",)
+
+
 def test_ranges_stand_for_lists(project: Project):
     text = """
         base: base.yaml
@@ -228,6 +238,13 @@ def test_a_study_is_known_by_its_keys(project: Project):
         ("base: base.yaml\nrepeats: 0\n", "study.yaml:2:1: repeats: must be a whole number of 1 at least, got 0"),
         ("base: base.yaml\nrepeats: true\n", "study.yaml:2:1: repeats: must be a whole number of 1 at least, got True"),
         ("name: a/b\nbase: base.yaml\nrepeats: 2\n", "study.yaml:1:1: name: must be letters, digits, dots, dashes"),
+        ("base: base.yaml\nset: [3]\nrepeats: 2\n", "study.yaml:2:1: set: must map parameters to values, got [3]"),
+        (
+            "base: base.yaml\nset: {make_points.count: 0}\nrepeats: 2\n",
+            "study.yaml:2:7: stages.0 (make_points): count: ",
+        ),
+        ("base: base.yaml\nset: {seed: 3}\nvary: {seed: [1]}\n", "study.yaml:2:7: the study varies seed; change its"),
+        ("base: base.yaml\nset: {name: a}\nrepeats: 2\n", "study.yaml:2:7: name: the study names its points itself"),
         ("runs: []\n", "study.yaml:1:1: runs: must be a list of configs, got []"),
         ("runs: [no.yaml]\n", "study.yaml:1:8: runs.0: no such file; paths in a study are relative to the study"),
         ("runs: [base.yaml]\nmode: zip\n", "study.yaml:2:1: mode: cannot stand beside runs, which lists whole configs"),
