@@ -26,6 +26,7 @@ from scaffold_pipeline.command_line import (
     answer,
     chosen_cache,
 )
+from scaffold_pipeline.cores import use_one_blas_thread
 from scaffold_pipeline.errors import lines_and_code
 from scaffold_pipeline.study_commands import cache, study
 
@@ -198,6 +199,7 @@ app.command(cache)
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; every failure is a line on standard error."""
+    use_one_blas_thread()
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = _DEBUG in tokens
     tokens = [token for token in tokens if token != _DEBUG]

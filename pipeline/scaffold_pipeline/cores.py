@@ -6,8 +6,18 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
 """What compiled libraries ask when they are loaded, so that only processes started later follow a change."""
+
+_BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def use_one_blas_thread() -> None:
+    """Have BLAS, where it is not loaded yet, use one thread here and in children: its last digits depend on how many.
+
+    With two threads the exact field had other weights than with one.
+    """
+    os.environ.update(dict.fromkeys(_BLAS_VARIABLES, "1"))
 
 
 def core_count() -> int:

@@ -27,6 +27,16 @@ def test_two_workers_give_what_one_gives(project: Project):
     assert record(NAMES[0])["platform"]["threads"] == max(1, core_count() // 2)
 
 
+def test_no_result_depends_on_the_threads_of_blas(project: Project, monkeypatch: pytest.MonkeyPatch):
+    project.write("stages: [{use: make_points}, {use: solve_points}]")
+    for count in ("1", "2"):
+        monkeypatch.setenv("OPENBLAS_NUM_THREADS", count)
+        process = project.start("run", "config.yaml", "--out", count)
+        assert (process.wait(60), process.communicate()[1].count("solve_points")) == (0, 1)
+    one, two = (project.record(count)["stages"][1]["output"] for count in ("1", "2"))
+    assert one == two
+
+
 def test_a_worker_that_dies_costs_a_retry_and_not_the_study(project: Project):
     log = project.folder / "log"
     project.write(f"stages: [{{use: make_points}}, {{use: die, log: '{log}', times: 1}}]", "base.yaml")

@@ -237,3 +237,13 @@ def die(points: Points, *, params: DieParams) -> Points:
             stream.flush()
             os.kill(os.getpid(), signal.SIGKILL)
     return points
+
+
+class SolvePointsParams(Params):
+    """Parameters of `solve_points`."""
+
+
+@stage(writes="points", version=1)
+def solve_points(points: Points, *, params: SolvePointsParams, rng: np.random.Generator) -> Points:  # noqa: ARG001
+    """Make points of a dense system's solution, whose last digits depend on the number of BLAS threads."""
+    return Points(np.linalg.solve(rng.normal(size=(400, 400)), np.ones((400, 3))))
