@@ -14,16 +14,25 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import App, CycloptsError, Parameter
 
 from scaffold_pipeline import __version__
-from scaffold_pipeline.errors import PipelineError
+from scaffold_pipeline.command_line import (
+    FAILED,
+    GATE_FAILED,
+    INTERRUPTED,
+    USAGE,
+    CacheFolder,
+    Json,
+    Quiet,
+    Settings,
+    answer,
+    chosen_cache,
+)
+from scaffold_pipeline.cores import use_one_blas_thread
+from scaffold_pipeline.errors import lines_and_code
+from scaffold_pipeline.study_commands import cache, study
 
 if TYPE_CHECKING:
     from scaffold_pipeline.artifacts import Fact
     from scaffold_pipeline.plan import Plan
-
-INTERRUPTED = 130
-GATE_FAILED = 3
-USAGE = 2
-FAILED = 1
 
 _DEBUG = "--debug"
 
@@ -40,10 +49,6 @@ app = App(
     suppress_keyboard_interrupt=False,
 )
 
-Settings = Annotated[list[str], Parameter(name="--set", help="Override a value: stage.key=value; may be repeated.")]
-Quiet = Annotated[bool, Parameter(help="Say nothing but errors.")]
-Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on standard output and nothing else.")]
-
 
 @app.command
 def run(  # noqa: PLR0913 - one argument an option
@@ -54,6 +59,7 @@ def run(  # noqa: PLR0913 - one argument an option
     until: str | None = None,
     force: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     dry_run: Annotated[bool, Parameter(name=["--dry-run", "-n"])] = False,
+    cache_folder: CacheFolder = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
@@ -80,20 +86,23 @@ def run(  # noqa: PLR0913 - one argument an option
     folder = out or Path("runs", plan.name)
     forced = [plan.require_label(name, "force") for name in force] if force else plan.labels if force == [] else []
     last = plan.labels.index(plan.require_label(until, "until")) if until else len(plan.labels) - 1
+    shared = chosen_cache(cache_folder)
     if dry_run:
-        wanted, unchanged = plan.labels[: last + 1], runner.unchanged_labels(plan, folder, forced)
+        wanted, unchanged = plan.labels[: last + 1], runner.unchanged_labels(plan, folder, forced, shared)
         reused = [label for label in wanted if label in unchanged]
         lines = [f"{label}: {'unchanged' if label in reused else 'to run'}" for label in wanted]
-        return _answer({"stages": wanted, "unchanged": reused}, "\n".join(lines), as_json=as_json)
+        return answer({"stages": wanted, "unchanged": reused}, "\n".join(lines), as_json=as_json)
     with runner.locked(folder), watch(quiet=quiet or as_json) as progress:
-        result = runner.execute(plan, folder, until=until, force=forced, progress=progress)
+        result = runner.execute(plan, folder, until=until, force=forced, progress=progress, cache=shared)
         if result.is_complete:
             publish(plan, result, folder)
+    if shared is not None:
+        shared.prune()
     if not result.is_complete:
-        return _answer({"out": str(folder), "until": until}, f"stopped after {until}", as_json=as_json)
+        return answer({"out": str(folder), "until": until}, f"stopped after {until}", as_json=as_json)
     failed = result.metrics.failed_gates if result.metrics else ()
-    answer = {"out": str(folder), "metrics": run_metrics(result), "files": result.files}
-    _answer(answer, "" if quiet else _closing_words(folder, run_metrics(result)), as_json=as_json)
+    told = {"out": str(folder), "metrics": run_metrics(result), "files": result.files}
+    answer(told, "" if quiet else _closing_words(folder, run_metrics(result)), as_json=as_json)
     for gate in failed:
         print(f"{folder}: quality gate failed: {gate}", file=sys.stderr)
     return GATE_FAILED if failed else 0
@@ -101,15 +110,20 @@ def run(  # noqa: PLR0913 - one argument an option
 
 @app.command
 def validate(config: Path, *, settings: Settings = [], as_json: Json = False) -> int:  # noqa: B006 - as in run
-    """Check a config and its plan without running: every fault with file:line:column.
+    """Check a config or a study, without running it: every fault with file:line:column.
 
     Parameters
     ----------
     config
         The YAML file to check.
     """
+    from scaffold_pipeline.study_file import is_study, read_study
+
+    if is_study(config):
+        names = [point.name for point in read_study(config, settings).points]
+        return answer({"valid": True, "points": names}, f"{config}: ok, {len(names)} points", as_json=as_json)
     plan = _plan(config, settings)
-    return _answer({"valid": True, "stages": plan.labels}, f"{config}: ok, {len(plan.steps)} stages", as_json=as_json)
+    return answer({"valid": True, "stages": plan.labels}, f"{config}: ok, {len(plan.steps)} stages", as_json=as_json)
 
 
 @app.command
@@ -141,7 +155,7 @@ def schema() -> int:
     """Print the JSON Schema of a config, installed plug-ins included."""
     from scaffold_pipeline.catalogue import config_schema
 
-    return _answer(config_schema(), "", as_json=True)
+    return answer(config_schema(), "", as_json=True)
 
 
 @app.command
@@ -176,11 +190,16 @@ def inspect(file: Path, *, units: str | None = None, as_json: Json = False) -> i
     from scaffold_pipeline.inspection import inspect_file
 
     facts = inspect_file(file, units)
-    return _answer(facts, "\n".join(f"{key}: {value}" for key, value in facts.items()), as_json=as_json)
+    return answer(facts, "\n".join(f"{key}: {value}" for key, value in facts.items()), as_json=as_json)
+
+
+app.command(study)
+app.command(cache)
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; every failure is a line on standard error."""
+    use_one_blas_thread()
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = _DEBUG in tokens
     tokens = [token for token in tokens if token != _DEBUG]
@@ -216,28 +235,11 @@ def _closing_words(folder: Path, metrics: dict[str, Fact]) -> str:
 
 def _told(error: Exception) -> tuple[str, int]:
     """Return the lines and the exit code that an error becomes."""
-    if isinstance(error, PipelineError):
-        return str(error), error.exit_code
-    if isinstance(error, CycloptsError):
-        return str(error), USAGE
-    if isinstance(error, OSError) and error.strerror:
-        place = f"{error.filename}: " if error.filename else ""
-        return f"{place}{error.strerror}", FAILED
-    return f"unexpected {type(error).__name__}: {' '.join(str(error).split())}; --debug shows where", FAILED
+    return (str(error), USAGE) if isinstance(error, CycloptsError) else lines_and_code(error)
 
 
 def _failed(message: str, code: int, tokens: list[str]) -> int:
     print(message, file=sys.stderr)
     if "--json" in tokens:
-        _answer({"error": message.splitlines(), "exit_code": code}, "", as_json=True)
+        answer({"error": message.splitlines(), "exit_code": code}, "", as_json=True)
     return code
-
-
-def _answer(value: object, text: str, *, as_json: bool) -> int:
-    if as_json:
-        import json
-
-        print(json.dumps(value, indent=2, ensure_ascii=False))
-    elif text:
-        print(text)
-    return 0

@@ -11,7 +11,9 @@ from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeEl
 
 from scaffold_pipeline import runner
 from scaffold_pipeline.plan import Step
-from scaffold_pipeline.runner import StepRecord
+from scaffold_pipeline.records import StepRecord
+from scaffold_pipeline.study import Watcher
+from scaffold_pipeline.study_table import PointState
 
 _GIB = 2**30
 
@@ -53,3 +55,29 @@ def _tell(console: Console, record: StepRecord) -> None:
     console.print(f"{record.label}: {done}", markup=False)
     for message in record.warnings:
         console.print(f"{record.label}: warning: {message}", markup=False)
+
+
+@contextmanager
+def watch_study(*, quiet: bool) -> Iterator[Watcher]:
+    """Show the points of a study on standard error as they end, on a terminal with a bar; nothing where `quiet`."""
+    console = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
+    if quiet:
+        yield Watcher()
+        return
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bars:
+        task = bars.add_task("points", total=None)
+
+        def ended(state: PointState, number: int, count: int) -> None:
+            bars.update(task, completed=number, total=count)
+            console.print(f"[{number}/{count}] {state.name}: {_ending(state)}", markup=False)
+
+        yield Watcher(ended, lambda message: console.print(f"warning: {message}", markup=False))
+
+
+def _ending(state: PointState) -> str:
+    if state.error is not None:
+        return f"FAILED: {state.error}"
+    run, shared = state.seconds
+    saved = f" ({shared:.1f} s saved)" if shared else ""
+    return f"{run:.1f} s{saved}, quality: {'FAILED' if state.gates else state.metrics.get('quality')}"

@@ -16,8 +16,10 @@ from __future__ import annotations
 import inspect
 import os
 import typing
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as version_of
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar
@@ -130,6 +132,7 @@ class Stage:
     writes: str
     output: type[Artifact]
     engine_arguments: frozenset[str]
+    libraries: dict[str, str]
 
     @property
     def summary(self) -> str:
@@ -141,17 +144,19 @@ class Stage:
 class _Declaration:
     writes: str
     version: int
+    libraries: tuple[str, ...]
 
 
-def stage(*, writes: str, version: int) -> Callable[[StageFunction], StageFunction]:
+def stage(*, writes: str, version: int, libraries: Collection[str] = ()) -> Callable[[StageFunction], StageFunction]:
     """Declare a function to be a stage that writes slot `writes`; it stays a plain callable function.
 
     `version` is raised whenever the function may return something else for the same input: stored results of
-    other versions are then no longer used.
+    other versions are then no longer used. Nor are those made with other versions of `libraries`: the installed
+    distributions, by their names, whose code shapes what the function returns. numpy is always one of them.
     """
 
     def declare(function: StageFunction) -> StageFunction:
-        setattr(function, _DECLARATION, _Declaration(writes, version))
+        setattr(function, _DECLARATION, _Declaration(writes, version, (*sorted({*libraries, "numpy"}),)))
         return function
 
     return declare
@@ -179,7 +184,17 @@ def stage_from_function(name: str, function: object) -> Stage:
         writes=declaration.writes,
         output=hints["return"],
         engine_arguments=_ENGINE_ARGUMENTS & set(arguments),
+        libraries={library: _version(name, library) for library in declaration.libraries},
     )
+
+
+def _version(name: str, library: str) -> str:
+    try:
+        return version_of(library)
+    except PackageNotFoundError as error:
+        raise StageDefinitionError(
+            f"stage {name!r}: the library {library!r} that it declares is not installed; name a distribution"
+        ) from error
 
 
 def _hints(name: str, function: Callable[..., Any]) -> dict[str, Any]:

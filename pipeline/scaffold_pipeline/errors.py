@@ -48,6 +48,17 @@ class ConfigError(PipelineError):
         super().__init__("\n".join(str(fault) for fault in self.faults))
 
 
+def lines_and_code(error: Exception) -> tuple[str, int]:
+    """Return the lines and the exit code that an error becomes."""
+    if isinstance(error, PipelineError):
+        return str(error), error.exit_code
+    if isinstance(error, OSError) and error.strerror:
+        place = f"{error.filename}: " if error.filename else ""
+        return f"{place}{error.strerror}", PipelineError.exit_code
+    text = " ".join(str(error).split())
+    return f"unexpected {type(error).__name__}: {text}; --debug shows where", PipelineError.exit_code
+
+
 class PipelineWarning(UserWarning):
     """What a stage wants the user to know of a result that is still good; kept in the run record."""
 

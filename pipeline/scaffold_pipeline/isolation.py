@@ -79,7 +79,7 @@ def _death(code: int, box: Path, memory: int) -> str:
 
 def _serve(box: Path) -> None:
     """Do what the request in `box` asks for: the child's side."""
-    _die_with_parent()
+    die_with_parent()
     request = json.loads((box / "request.json").read_text(encoding="utf-8"))
     function = getattr(import_module(request["module"]), request["function"])
     _use_at_most(request["memory"])
@@ -93,7 +93,7 @@ def _serve(box: Path) -> None:
         np.savez(box / "answer.npz", allow_pickle=False, **answer)
 
 
-def _die_with_parent() -> None:
+def die_with_parent() -> None:
     """Have Linux end this process when its parent is killed: native code can hang on for ever."""
     if sys.platform == "linux":
         import ctypes

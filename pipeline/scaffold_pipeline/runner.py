@@ -1,8 +1,8 @@
 """A plan to artifacts, files and a record.
 
-Every step has a key: its stage and version, its parameters with the content of the files they name, its seed, and
-the hashes of what it reads. A step whose key has a stored result is not run again, so a run that was stopped, failed
-or killed goes on where it was. Files reach the run directory only when all steps are done.
+Every step has a key: its stage, with its version and those of its libraries, its parameters with the content of the
+files they name, its seed, and the hashes of what it reads. A step whose key has a stored result is not run again, so a
+run that was stopped, failed or killed goes on where it was. Files reach the run directory only when all steps are done.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,40 +20,19 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from scaffold_pipeline.artifacts import Artifact, Fact, Metrics
-from scaffold_pipeline.contract import InputFileMark
+from scaffold_pipeline.artifacts import Artifact, Metrics
+from scaffold_pipeline.cache import Cache, Sharing
 from scaffold_pipeline.errors import PipelineError, PipelineWarning, StageDefinitionError, StageError
 from scaffold_pipeline.memory import PeakMemory
 from scaffold_pipeline.plan import Plan, Step
-from scaffold_pipeline.store import OUT_PREFIX, DamagedStoreError, Store, hash_file, hash_json
+from scaffold_pipeline.records import StepRecord, config_hash, input_files, step_key
+from scaffold_pipeline.store import OUT_PREFIX, DamagedStoreError, Store
 
 STORE = ".store"
 """Folder of a run directory that holds the results of its stages."""
 
 OWN_FILES = frozenset({"config.yaml", "metrics.json", "report.html", "run.json"})
 """Files of a run directory that are written by no stage."""
-
-
-@dataclass(frozen=True)
-class StepRecord:
-    """What is kept of one step: enough to know what it did, from what, with what result."""
-
-    label: str
-    stage: str
-    version: int
-    parameters: Mapping[str, Any]
-    inputs: Mapping[str, str]
-    input_files: Mapping[str, str]
-    slot: str
-    key: str
-    output: str
-    seed: int | None
-    seconds: float
-    peak_memory_bytes: int
-    summary: Mapping[str, Fact]
-    warnings: tuple[str, ...]
-    files: Mapping[str, str]
-    reused: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,7 +53,12 @@ class _Run:
     until: str | None
     forced: set[str]
     progress: Progress
+    cache: Cache | None
     messages: list[str] = field(default_factory=list)
+
+    @cached_property
+    def sharing(self) -> Sharing:
+        return Sharing(self.cache, self.store, self.warn)
 
     def warn(self, message: str) -> None:
         self.messages.append(message)
@@ -118,17 +103,19 @@ def execute(
     until: str | None = None,
     force: Collection[str] = (),
     progress: Progress | None = None,
+    cache: Cache | None = None,
 ) -> RunResult:
     """Run `plan` with its results stored in `out`, as far as the step labelled `until`.
 
-    Steps whose labels are in `force` are run again though their results are stored. Raises `StageError` for a
-    stage that fails; what was finished before it stays stored.
+    What another run has put into `cache` is used, and what is made here put there. Steps whose labels are in `force`
+    are run again though their results are stored. Raises `StageError` for a stage that fails; what was finished before
+    it stays stored.
     """
     started = time.monotonic()
     with locked(out):
         store = Store(out / STORE)
         store.prepare()
-        run = _Run(plan, store, until, set(force), progress or Progress())
+        run = _Run(plan, store, until, set(force), progress or Progress(), cache)
         records, metrics = _run_despite_damage(run)
         is_complete = len(records) == len(plan.steps)
         if is_complete:
@@ -155,15 +142,13 @@ def locked(out: Path) -> Iterator[None]:
         lock.release()
 
 
-def unchanged_labels(plan: Plan, out: Path, force: Collection[str] = ()) -> list[str]:
-    """Return the labels of the steps that `execute` is sure not to run again; reads the store and writes nothing."""
+def unchanged_labels(plan: Plan, out: Path, force: Collection[str] = (), cache: Cache | None = None) -> list[str]:
+    """Return the labels of the steps that `execute` is sure not to run again; reads the stores and writes nothing."""
     state, labels = _State(), []
-    store = Store(out / STORE)
+    stores = [Store(out / STORE), *([cache.store] if cache else [])]
     for step in plan.steps:
         is_known = step.label not in force and all(slot in state.records for slot in step.sources.values())
-        stored = None
-        with suppress(DamagedStoreError):
-            stored = store.result(_key(plan, step, state)) if is_known else None
+        stored = _first_whole(stores, step_key(plan, step, state.hashes(step))) if is_known else None
         state.records.pop(step.slot, None)
         if stored is not None:
             state.records[step.slot] = _reused(step, stored)
@@ -171,10 +156,13 @@ def unchanged_labels(plan: Plan, out: Path, force: Collection[str] = ()) -> list
     return labels
 
 
-def config_hash(plan: Plan) -> str:
-    """Return the hash of what `plan` asks for: equal on every machine where the input files are equal."""
-    steps = [{**step.resolved(), **_input_files(step)} for step in plan.steps]
-    return hash_json({"seed": plan.seed, "stages": steps})
+def _first_whole(stores: Iterable[Store], key: str) -> dict[str, Any] | None:
+    for store in stores:
+        with suppress(DamagedStoreError):
+            stored = store.result(key)
+            if stored is not None:
+                return stored
+    return None
 
 
 def _run_despite_damage(run: _Run) -> tuple[list[StepRecord], Metrics | None]:
@@ -221,16 +209,26 @@ def _drop_unread(plan: Plan, number: int, state: _State) -> None:
 
 
 def _run_or_reuse(run: _Run, step: Step, state: _State) -> StepRecord:
-    key = _key(run.plan, step, state)
-    stored = None if step.label in run.forced else _stored(run, step, key)
-    if stored is not None:
-        record = _reused(step, stored)
-        state.values.pop(step.slot, None)
-    else:
-        record, state.values[step.slot] = _run_step(run, step, key, state)
-        run.forced.discard(step.label)
+    key, value = step_key(run.plan, step, state.hashes(step)), None
+    record = _reusable(run, step, key)
+    if record is None:
+        with run.sharing.holding(key):
+            is_given = step.label not in run.forced and run.sharing.give(key)
+            record = _reusable(run, step, key) if is_given else None
+            if record is None:
+                record, value = _run_step(run, step, key, state)
+                run.sharing.take(key)
+                run.forced.discard(step.label)
+    state.values.pop(step.slot, None)
+    if value is not None:
+        state.values[step.slot] = value
     state.records[step.slot] = record
     return record
+
+
+def _reusable(run: _Run, step: Step, key: str) -> StepRecord | None:
+    stored = None if step.label in run.forced else _stored(run, step, key)
+    return None if stored is None else _reused(step, stored)
 
 
 def _stored(run: _Run, step: Step, key: str) -> dict[str, Any] | None:
@@ -259,47 +257,24 @@ def _value(slot: str, run: _Run, state: _State) -> Artifact:
     return state.values[slot]
 
 
-def _input_files(step: Step) -> dict[str, str]:
-    """Return the hash of each file that the step's parameters name."""
-    paths = {name: getattr(step.params, name) for name in step.params.marked(InputFileMark)}
-    return {name: hash_file(path) for name, path in paths.items() if path is not None}
-
-
-def _key(plan: Plan, step: Step, state: _State) -> str:
-    files = _input_files(step)
-    parameters = {name: value for name, value in step.params.model_dump(mode="json").items() if name not in files}
-    return hash_json(
-        {
-            "stage": step.stage.name,
-            "version": step.stage.version,
-            "parameters": parameters,
-            "files": files,
-            "suffixes": {name: getattr(step.params, name).suffix for name in files},
-            "inputs": state.hashes(step),
-            "record": sorted(entry.name for entry in fields(StepRecord)),
-            "seed": step.seed(plan.seed),
-            "config": config_hash(plan) if "config_hash" in step.stage.engine_arguments else None,
-        }
-    )
-
-
 def _run_step(run: _Run, step: Step, key: str, state: _State) -> tuple[StepRecord, Artifact]:
-    started, input_files = time.monotonic(), _input_files(step)
+    started, files_read = time.monotonic(), input_files(step)
     inputs = {argument: _value(slot, run, state) for argument, slot in step.sources.items()}
     with TemporaryDirectory(dir=run.store.root, prefix=OUT_PREFIX) as folder, PeakMemory() as memory:
         engine = _engine_arguments(run.plan, step, Path(folder))
         output, messages = _call(step, {**inputs, **engine})
         files = _save_files(step, Path(folder), run.store)
-    if _input_files(step) != input_files:
+    if input_files(step) != files_read:
         raise StageError(f"{step.label}: a file that it reads was changed meanwhile; run again")
     try:
         record = StepRecord(
             label=step.label,
             stage=step.stage.name,
             version=step.stage.version,
+            libraries=step.stage.libraries,
             parameters=step.params.model_dump(mode="json"),
             inputs=state.hashes(step),
-            input_files=input_files,
+            input_files=files_read,
             slot=step.slot,
             key=key,
             output=run.store.save(output),

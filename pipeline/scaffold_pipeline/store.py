@@ -9,13 +9,17 @@ files a stage gave for one key. Everything is written to a temporary name and re
 from __future__ import annotations
 
 import json
+import math
+import os
 import shutil
+import time
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import fields
 from hashlib import file_digest, sha256
 from importlib import import_module
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 from uuid import uuid4
 
 import numpy as np
@@ -26,6 +30,15 @@ from scaffold_pipeline.errors import PipelineError
 
 OUT_PREFIX = ".out-"
 """Begin of the names of the folders that stages write their files to."""
+
+
+_KINDS = {"arrays": ".npy", "artifacts": ".json", "files": "", "results": ".json"}
+"""The folders of a store, and how the names of the files in them end."""
+
+_SETTLED_AFTER = 2.0
+"""Seconds since its last change after which another change of a file gives it another time, even on FAT."""
+
+_INPUT_HASHES: dict[tuple[Path, int, int, int], str] = {}
 
 
 class DamagedStoreError(PipelineError):
@@ -48,6 +61,19 @@ def hash_file(path: Path) -> str:
         return file_digest(stream, "sha256").hexdigest()
 
 
+def hash_input(path: Path) -> str:
+    """Return `hash_file` of an input that may be asked for thousands of times: read once while it is not changed."""
+    state = path.stat()
+    seen = (path, state.st_ino, state.st_size, state.st_mtime_ns)
+    is_settled = time.time() - state.st_mtime > _SETTLED_AFTER
+    if not is_settled or seen not in _INPUT_HASHES:
+        digest = hash_file(path)
+        if not is_settled:
+            return digest
+        _INPUT_HASHES[seen] = digest
+    return _INPUT_HASHES[seen]
+
+
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Let `write` fill a temporary file beside `path` and rename it: `path` is complete or as it was."""
     partial = path.with_name(f".partial-{uuid4().hex}")
@@ -59,6 +85,19 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
         partial.unlink(missing_ok=True)
 
 
+def _link(source: Path, target: Path) -> None:
+    """Make `target` the same file as `source`, or a copy of it where they are on two disks."""
+    partial = target.with_name(f".partial-{uuid4().hex}")
+    try:
+        try:
+            os.link(source, partial)
+        except OSError:  # two disks, or one that has no hard links
+            shutil.copyfile(source, partial)
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)  # it stays where both were the same file already
+
+
 class Store:
     """The folder that holds a run's intermediate results."""
 
@@ -67,19 +106,23 @@ class Store:
 
     def prepare(self) -> None:
         """Make the store's folders and remove what a killed run left; only for whom the run directory is locked."""
-        for name in ("arrays", "artifacts", "files", "results"):
-            (self.root / name).mkdir(parents=True, exist_ok=True)
+        self.make_folders()
         for leftover in self.root.glob("*/.partial-*"):
             leftover.unlink(missing_ok=True)
         for leftover in self.root.glob(f"{OUT_PREFIX}*"):
             shutil.rmtree(leftover, ignore_errors=True)
+
+    def make_folders(self) -> None:
+        """Make the store's folders."""
+        for name in _KINDS:
+            (self.root / name).mkdir(parents=True, exist_ok=True)
 
     def save(self, artifact: Artifact) -> str:
         """Store an artifact and return its hash."""
         manifest = self._manifest(artifact)
         digest = hash_json(manifest)
         text = canonical_json(manifest).encode()
-        write_atomically(self._path("artifacts", digest), lambda stream: stream.write(text))
+        write_atomically(self.path("artifacts", digest), lambda stream: stream.write(text))
         return digest
 
     def load(self, digest: str) -> Artifact:
@@ -96,13 +139,13 @@ class Store:
         """Store a copy of a file and return its hash."""
         digest = hash_file(path)
         with path.open("rb") as source:
-            write_atomically(self._path("files", digest), lambda stream: shutil.copyfileobj(source, stream))
+            write_atomically(self.path("files", digest), lambda stream: shutil.copyfileobj(source, stream))
         return digest
 
     def copy_file(self, digest: str, target: Path) -> None:
         """Write the stored file to `target`; raises `DamagedStoreError` where it is not whole."""
         self._require_file(digest)
-        shutil.copyfile(self._path("files", digest), target)
+        shutil.copyfile(self.path("files", digest), target)
 
     def result(self, key: str) -> dict[str, Any] | None:
         """Return what was stored for `key`, or None where nothing was.
@@ -110,7 +153,7 @@ class Store:
         Raises `DamagedStoreError` where it, its artifact or one of its files is not whole. Of arrays it is only
         seen here whether they exist: they are hashed when they are loaded.
         """
-        path = self._path("results", key)
+        path = self.path("results", key)
         if not path.exists():
             return None
         try:
@@ -122,7 +165,7 @@ class Store:
         if not is_whole:
             raise DamagedStoreError(f"stored result {key[:12]} is not what was stored")
         for digest in _array_hashes(self._read_manifest(result["output"])):
-            if not self._path("arrays", digest).exists():
+            if not self.path("arrays", digest).exists():
                 raise DamagedStoreError(f"stored array {digest[:12]} is missing")
         for digest in result["files"].values():
             self._require_file(digest)
@@ -131,30 +174,57 @@ class Store:
     def save_result(self, key: str, result: Mapping[str, Any]) -> None:
         """Store what a stage gave for `key`: at least `output` and `files`, which are in the store already."""
         text = canonical_json({"result": result, "sha256": hash_json(result)}).encode()
-        write_atomically(self._path("results", key), lambda stream: stream.write(text))
+        write_atomically(self.path("results", key), lambda stream: stream.write(text))
 
     def forget(self, key: str) -> None:
         """Drop the result of `key`."""
-        self._path("results", key).unlink(missing_ok=True)
+        self.path("results", key).unlink(missing_ok=True)
 
-    def keep_only(self, keys: Iterable[str]) -> None:
-        """Drop every result but those of `keys`, and all that only the dropped ones needed."""
+    def stored_keys(self) -> list[str]:
+        """Return the keys of all results."""
+        return sorted(path.stem for path in (self.root / "results").glob("*.json"))
+
+    def require_whole(self, result: Mapping[str, Any]) -> None:
+        """Hash the arrays of a result that `result` gave back, too; raises `DamagedStoreError` as it does."""
+        for digest in _array_hashes(self._read_manifest(result["output"])):
+            self._load_array(digest, mmap_mode="r")
+
+    def share(self, key: str, other: Store) -> None:
+        """Let `other` have the result of `key` and all that it needs: as hard links where both are on one disk."""
+        result = self.result(key)
+        for path in self.paths(key, result) if result else ():
+            _link(path, other.root / path.relative_to(self.root))
+
+    def paths(self, key: str, result: Mapping[str, Any]) -> list[Path]:
+        """Return the files of a result that `result` gave back for `key`, its own last."""
+        arrays = _array_hashes(self._read_manifest(result["output"]))
+        return [
+            *(self.path("arrays", digest) for digest in dict.fromkeys(arrays)),
+            *(self.path("files", digest) for digest in dict.fromkeys(result["files"].values())),
+            self.path("artifacts", result["output"]),
+            self.path("results", key),
+        ]
+
+    def keep_only(self, keys: Iterable[str], *, spare_newer_than: float = math.inf) -> None:
+        """Drop every result but those of `keys`, and all that only the dropped ones needed.
+
+        What no result needs stays where it came after the time `spare_newer_than`, seconds since 1970: another process
+        may be about to store the result that does.
+        """
         kept = {key: result for key in keys if (result := self.result(key))}
-        manifests = [self._read_manifest(result["output"]) for result in kept.values()]
-        wanted = {
-            "results": set(kept),
-            "artifacts": {result["output"] for result in kept.values()},
-            "arrays": {digest for manifest in manifests for digest in _array_hashes(manifest)},
-            "files": {digest for result in kept.values() for digest in result["files"].values()},
-        }
-        for folder, names in wanted.items():
-            for path in (self.root / folder).iterdir():
-                if path.name.partition(".")[0] not in names:
-                    path.unlink(missing_ok=True)
+        wanted = {path for key, result in kept.items() for path in self.paths(key, result)}
+        for path in [path for kind in _KINDS for path in (self.root / kind).iterdir() if path not in wanted]:
+            with suppress(FileNotFoundError):
+                if path.parent.name == "results" or path.stat().st_ctime <= spare_newer_than:
+                    path.unlink()
+
+    def path(self, kind: str, digest: str) -> Path:
+        """Return where what is of `kind`, a folder's name, and has that hash or key lies."""
+        return self.root / kind / f"{digest}{_KINDS[kind]}"
 
     def _read_manifest(self, digest: str) -> dict[str, Any]:
         try:
-            manifest: dict[str, Any] = json.loads(self._path("artifacts", digest).read_text(encoding="utf-8"))
+            manifest: dict[str, Any] = json.loads(self.path("artifacts", digest).read_text(encoding="utf-8"))
         except (OSError, ValueError) as error:
             raise DamagedStoreError(f"stored artifact {digest[:12]} cannot be read") from error
         if hash_json(manifest) != digest:
@@ -162,13 +232,9 @@ class Store:
         return manifest
 
     def _require_file(self, digest: str) -> None:
-        stored = self._path("files", digest)
+        stored = self.path("files", digest)
         if not stored.is_file() or hash_file(stored) != digest:
             raise DamagedStoreError(f"stored file {digest[:12]} is missing or damaged")
-
-    def _path(self, kind: str, digest: str) -> Path:
-        suffix = {"arrays": ".npy", "artifacts": ".json", "files": "", "results": ".json"}[kind]
-        return self.root / kind / f"{digest}{suffix}"
 
     def _manifest(self, artifact: Artifact) -> dict[str, Any]:
         """Store the arrays of `artifact` and return what is needed to make it again."""
@@ -179,7 +245,7 @@ class Store:
     def _entry(self, value: object) -> dict[str, Any]:
         if isinstance(value, np.ndarray):
             digest = hash_array(value)
-            path = self._path("arrays", digest)
+            path = self.path("arrays", digest)
             write_atomically(path, lambda stream: np.save(stream, value, allow_pickle=False))
             return {"array": digest}
         if isinstance(value, Artifact):
@@ -202,9 +268,9 @@ class Store:
             return self._restore(entry["artifact"])
         return tuple(entry["tuple"]) if "tuple" in entry else entry["value"]
 
-    def _load_array(self, digest: str) -> NDArray[Any]:
+    def _load_array(self, digest: str, mmap_mode: Literal["r"] | None = None) -> NDArray[Any]:
         try:
-            values: NDArray[Any] = np.load(self._path("arrays", digest), allow_pickle=False)
+            values: NDArray[Any] = np.load(self.path("arrays", digest), mmap_mode=mmap_mode, allow_pickle=False)
         except MemoryError:
             raise
         except Exception as error:  # a broken header can end numpy's reader in any way

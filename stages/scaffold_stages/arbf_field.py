@@ -83,7 +83,7 @@ class ArbfFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=6)
+@stage(writes="field", version=6, libraries=("llvmlite", "numba", "scipy", "vtk"))
 def arbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: ArbfFieldParams) -> ScalarField:
     """Compute the ARBF field of a mesh on voxels over the outer shape, and certify its connectivity.
 

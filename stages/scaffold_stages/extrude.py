@@ -17,7 +17,11 @@ class ExtrudeParams(Params):
     """Thickness of the plate, along z from the contour's plane."""
 
 
-@stage(writes="solid", version=1)
+@stage(
+    writes="solid",
+    version=1,
+    libraries=("libigl", "llvmlite", "manifold3d", "numba", "pymeshlab", "scikit-image", "scipy", "vtk"),
+)
 def extrude(contour: Contour, *, params: ExtrudeParams) -> Solid:
     """Make a plate of a contour, `height` mm thick, standing on its plane.
 

@@ -27,7 +27,7 @@ class InspectSurfaceParams(Params):
     """What a length of 1 in the file means; left out, what the file says, or else mm."""
 
 
-@stage(writes="metrics", version=1)
+@stage(writes="metrics", version=1, libraries=("manifold3d", "pymeshlab", "scipy", "trimesh", "vtk"))
 def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
     """Measure a surface file: unit, size, area, volume, closedness, pieces, self-intersections.
 

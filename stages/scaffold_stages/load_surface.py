@@ -62,7 +62,7 @@ class LoadSurfaceParams(Params):
     out, 1 % of the diagonal."""
 
 
-@stage(writes="outer", version=2)
+@stage(writes="outer", version=2, libraries=("libigl", "manifold3d", "pymeshlab", "scipy", "trimesh", "vtk"))
 def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     """Read a surface in mm, repair it, turn it outward, and refuse what does not bound a solid.
 

@@ -73,7 +73,7 @@ class MeasureParams(Params):
         return room
 
 
-@stage(writes="metrics", version=5)
+@stage(writes="metrics", version=5, libraries=("libigl", "pymeshlab", "scipy"))
 def measure(
     solid: Solid,
     outer: OuterShape,

@@ -33,7 +33,7 @@ class MeasureFieldParams(Params):
         return self
 
 
-@stage(writes="metrics", version=1)
+@stage(writes="metrics", version=1, libraries=("scipy", "vtk"))
 def measure_field(field: ScalarField, outer: OuterShape, *, params: MeasureFieldParams) -> Metrics:
     """Count solid and void pieces, open channels and whole struts of a field at an iso-value, on its voxels.
 

@@ -85,7 +85,7 @@ class TpmsFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=1)
+@stage(writes="field", version=1, libraries=("vtk",))
 def tpms_field(outer: OuterShape, *, params: TpmsFieldParams) -> ScalarField:
     """Compute the field of a triply periodic minimal surface, skeletal or sheet, over the outer shape.
 

@@ -71,7 +71,23 @@ class WriteSolidParams(Params):
         return name
 
 
-@stage(writes="written", version=3)
+@stage(
+    writes="written",
+    version=3,
+    libraries=(
+        "lib3mf",
+        "libigl",
+        "llvmlite",
+        "manifold3d",
+        "numba",
+        "pymeshlab",
+        "pytetwild",
+        "pyvista",
+        "scipy",
+        "trimesh",
+        "vtk",
+    ),
+)
 def write_solid(
     solid: Solid,
     outer: OuterShape | None = None,

@@ -279,7 +279,7 @@ def test_a_missing_file_given_by_a_setting_names_the_setting(project: Project):
 def test_a_setting_for_a_stage_that_stands_twice_says_how_to_choose(project: Project):
     config = project.write("stages:\n  - use: make_points\n  - use: scatter_points\n  - use: scatter_points\n")
     assert faults_of(config, "scatter_points.amount=0.3") == [
-        ("--set scatter_points.amount=0.3: 'scatter_points' stands 2 times; write stages.1.amount=... for the first")
+        ("--set scatter_points.amount=0.3: 'scatter_points' stands 2 times; write stages.1.amount for the first")
     ]
 
 

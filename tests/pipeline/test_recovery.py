@@ -8,9 +8,10 @@ from threading import Thread
 import pytest
 
 from pipeline.workplace import Project, harm, ran, wait_for
-from scaffold_pipeline import runner, store
+from scaffold_pipeline import records, store
 from scaffold_pipeline.errors import PipelineError, StageError
-from scaffold_pipeline.runner import Progress, RunResult, StepRecord, locked
+from scaffold_pipeline.records import StepRecord
+from scaffold_pipeline.runner import Progress, RunResult, locked
 
 CHAIN = """
     seed: 7
@@ -103,8 +104,8 @@ def test_a_disk_that_keeps_nothing_ends_the_run_with_a_line(project: Project, mo
 
 def test_results_in_the_form_of_an_earlier_version_are_not_used(project: Project, monkeypatch: pytest.MonkeyPatch):
     project.execute(CHAIN)
-    original = runner.fields
-    monkeypatch.setattr(runner, "fields", lambda kind: original(kind)[1:])
+    original = records.fields
+    monkeypatch.setattr(records, "fields", lambda kind: original(kind)[1:])
     assert len(ran(project.execute(CHAIN))) == 5
 
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from pipeline.workplace import Project, harm, ran
-from scaffold_pipeline import runner
+from scaffold_pipeline import records, runner
 from scaffold_pipeline.errors import PipelineError, StageDefinitionError, StageError
 from scaffold_pipeline.plan import Plan
-from scaffold_pipeline.runner import RunResult, StepRecord, execute, unchanged_labels
+from scaffold_pipeline.records import StepRecord
+from scaffold_pipeline.runner import RunResult, execute, unchanged_labels
 
 CHAIN = """
     seed: 7
@@ -144,9 +145,10 @@ def test_a_moved_file_of_the_same_content_is_not_read_again_but_recorded(project
 def test_a_file_that_changes_while_it_is_read_stores_nothing(project: Project, monkeypatch: pytest.MonkeyPatch):
     project.write("1.0", "points.txt")
     contents = iter(["a", "a", "b"])
-    monkeypatch.setattr(
-        runner, "_input_files", lambda step: {"path": next(contents)} if "path" in vars(step.params) else {}
-    )
+    for module in (records, runner):
+        monkeypatch.setattr(
+            module, "input_files", lambda step: {"path": next(contents)} if "path" in vars(step.params) else {}
+        )
     with pytest.raises(StageError, match="read_points: a file that it reads was changed meanwhile; run again"):
         project.execute(READ)
     assert not list((OUT / ".store" / "results").iterdir())

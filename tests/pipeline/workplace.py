@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 
 from scaffold_pipeline import cli
+from scaffold_pipeline.cache import Cache
 from scaffold_pipeline.config import read_draft
 from scaffold_pipeline.plan import Plan, make_plan
 from scaffold_pipeline.runner import Progress, RunResult, execute
@@ -58,9 +59,11 @@ class Project:
         until: str | None = None,
         force: Collection[str] = (),
         progress: Progress | None = None,
+        cache: Cache | None = None,
     ) -> RunResult:
         """Write a config and run it, publishing nothing."""
-        return execute(self.plan(text, *settings), Path(out), until=until, force=force, progress=progress)
+        plan = self.plan(text, *settings)
+        return execute(plan, Path(out), until=until, force=force, progress=progress, cache=cache)
 
     def command(self, *arguments: object) -> Answer:
         """Run the command in this process."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 import platform
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -23,14 +23,17 @@ from packaging.requirements import Requirement
 
 from scaffold_pipeline import __version__
 from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.cores import thread_count
 from scaffold_pipeline.plan import Plan
+from scaffold_pipeline.records import config_hash
 from scaffold_pipeline.registry import stage_owners
 from scaffold_pipeline.report.page import render_page
-from scaffold_pipeline.runner import STORE, RunResult, config_hash, locked
+from scaffold_pipeline.runner import STORE, RunResult, locked
 from scaffold_pipeline.store import Store, hash_file
 from scaffold_pipeline.yaml_source import to_yaml
 
 RECORD = "run.json"
+METRICS = "metrics.json"
 
 _STAGING = ".publish-"
 
@@ -43,7 +46,7 @@ def publish(plan: Plan, result: RunResult, out: Path) -> dict[str, Any]:
         for name, digest in result.files.items():
             store.copy_file(digest, staging / name)
         metrics = run_metrics(result)
-        _write_json(staging / "metrics.json", metrics)
+        _write_json(staging / METRICS, metrics)
         (staging / "config.yaml").write_text(to_yaml(plan.resolved()), encoding="utf-8")
         record = _record(plan, result, staging)
         preview = staging / "preview.png"
@@ -86,12 +89,20 @@ def _record(plan: Plan, result: RunResult, staging: Path) -> dict[str, Any]:
         "stages": [asdict(step) for step in result.steps],
         "warnings": warnings,
         "files": {path.name: _file_facts(path) for path in sorted(staging.iterdir())},
-        "versions": {**library_versions(), **stage_owners([step.stage for step in result.steps])},
+        **environment([step.stage for step in result.steps]),
+    }
+
+
+def environment(stages: Collection[str] = ()) -> dict[str, Any]:
+    """Return what results may come from beside their inputs: versions, those of `stages` too, and the machine."""
+    return {
+        "versions": {**library_versions(), **stage_owners(stages)},
         "platform": {
             "system": platform.platform(),
             "machine": platform.machine(),
             "python": platform.python_version(),
             "cores": os.cpu_count(),
+            "threads": thread_count(),
         },
     }
 

@@ -5,11 +5,10 @@ Hu, Schneider, Wang, Zorin, Panozzo, "Fast tetrahedral meshing in the wild", ACM
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 
 from scaffold_pipeline.cell_types import cell_volumes
+from scaffold_pipeline.cores import thread_count
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.isolation import Arrays
 from scaffold_stages._volumes.blocks import Floats, Ints
@@ -32,7 +31,7 @@ def run_ftetwild(
         faces.astype(np.int32),
         edge_length_abs=target,
         epsilon=envelope / float(np.linalg.norm(np.ptp(vertices, axis=0))),
-        num_threads=len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1,
+        num_threads=thread_count(),
         num_opt_iter=rounds,
         stop_energy=energy,
         vtk_ordering=True,

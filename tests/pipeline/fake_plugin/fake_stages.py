@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 import warnings
 from dataclasses import dataclass
@@ -194,3 +196,54 @@ def wait(points: Points, *, params: WaitParams, out: Path) -> Points:
     time.sleep(params.seconds)
     (out / "half_written.txt").unlink()
     return points
+
+
+class CastPointsParams(Params):
+    """Parameters of `cast_points`."""
+
+    log: str
+    """A file that gets a line at each call."""
+
+    seconds: Annotated[float, Unit("s")] = 0.0
+    """How long it takes."""
+
+
+@stage(writes="points", version=1)
+def cast_points(*, params: CastPointsParams) -> Points:
+    """Make points that are others at each call, as some libraries do."""
+    with Path(params.log).open("a", encoding="utf-8") as stream:
+        stream.write("called\n")
+    time.sleep(params.seconds)
+    return Points(np.frombuffer(os.urandom(12), np.uint8).reshape(-1, 3))
+
+
+class DieParams(Params):
+    """Parameters of `die`."""
+
+    log: str
+    """A file that gets a line at each death."""
+
+    times: int = 1
+    """How often the process is ended."""
+
+
+@stage(writes="points", version=1)
+def die(points: Points, *, params: DieParams) -> Points:
+    """End the whole process some times, as a system short of memory does."""
+    with Path(params.log).open("a+", encoding="utf-8") as stream:
+        stream.seek(0)
+        if len(stream.readlines()) < params.times:
+            stream.write("died\n")
+            stream.flush()
+            os.kill(os.getpid(), signal.SIGKILL)
+    return points
+
+
+class SolvePointsParams(Params):
+    """Parameters of `solve_points`."""
+
+
+@stage(writes="points", version=1)
+def solve_points(points: Points, *, params: SolvePointsParams, rng: np.random.Generator) -> Points:  # noqa: ARG001
+    """Make points of a dense system's solution, whose last digits depend on the number of BLAS threads."""
+    return Points(np.linalg.solve(rng.normal(size=(400, 400)), np.ones((400, 3))))

@@ -1,0 +1,46 @@
+"""How many cores there are for this process, and how many threads its compiled code may use."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+"""What compiled libraries ask when they are loaded, so that only processes started later follow a change."""
+
+_BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+
+def use_one_blas_thread() -> None:
+    """Have BLAS, where it is not loaded yet, use one thread here and in children: its last digits depend on how many.
+
+    With two threads the exact field had other weights than with one.
+    """
+    os.environ.update(dict.fromkeys(_BLAS_VARIABLES, "1"))
+
+
+def core_count() -> int:
+    """Return the number of cores that this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def thread_count() -> int:
+    """Return the number of threads that compiled code shall use: `OMP_NUM_THREADS`, or one a core."""
+    given = os.environ.get(THREAD_VARIABLES[0], "")
+    return int(given) if given.isdecimal() and int(given) > 0 else core_count()
+
+
+@contextmanager
+def threads_of_children(count: int) -> Iterator[None]:
+    """Have the processes that are started in a `with` block use `count` threads each."""
+    earlier = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, str(count)))
+    try:
+        yield
+    finally:
+        for name, value in earlier.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

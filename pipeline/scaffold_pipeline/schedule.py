@@ -1,0 +1,110 @@
+"""The order in which tasks that share work are given to an executor, and what becomes of those whose worker dies."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+from scaffold_pipeline.memory import available_memory
+
+MOST_DEATHS = 2
+"""A task whose worker dies is tried again, alone, once: it may have been the memory that another task took."""
+
+_USUAL_PEAK = 2**30
+"""Bytes that a task is taken to need until one has told what it needed."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """Something to do, and the hashes of all pieces of work in it: a piece that two have in common is done once."""
+
+    name: str
+    pieces: frozenset[str]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a task: the error that ended it, or None, the most memory that it had, bytes, and warnings."""
+
+    error: str | None = None
+    peak_memory_bytes: int = 0
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass
+class Schedule:
+    """Tasks on their way through an executor: `workers` at once at most, and no more than fit into memory.
+
+    `do` is what a worker calls with a task's name; `ended` is told each outcome. After a failure nothing new is
+    started unless `keep_going`.
+    """
+
+    do: Callable[[str], Outcome]
+    ended: Callable[[str, Outcome], None]
+    workers: int
+    keep_going: bool = False
+    memory: int = field(default_factory=available_memory)
+    _peak: int = 0
+    _made: set[str] = field(default_factory=set)
+    _deaths: Counter[str] = field(default_factory=Counter)
+    _is_stopped: bool = False
+
+    def run(self, tasks: Iterable[Task], start: Callable[[], AbstractContextManager[Executor]]) -> None:
+        """Do all `tasks`, in executors that `start` makes: another whenever one is broken by a worker's death."""
+        pending = list(tasks)
+        while pending and not self._is_stopped:
+            with start() as executor:
+                pending = self._drain(pending, executor)
+
+    def _drain(self, pending: list[Task], executor: Executor) -> list[Task]:
+        """Work on `pending` until all are done or the executor is broken; return what is left."""
+        running: dict[Future[Outcome], Task] = {}
+        is_broken = False
+        while running or (pending and not is_broken and not self._is_stopped):
+            while pending and not is_broken and self._may_start(pending, len(running)):
+                task = self._choose(pending, running.values())
+                try:
+                    running[executor.submit(self.do, task.name)] = task
+                    pending.remove(task)
+                except BrokenExecutor:
+                    is_broken = True
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                task = running.pop(future)
+                if isinstance(future.exception(), BrokenExecutor):
+                    is_broken = True
+                    pending += self._after_death(task)
+                else:
+                    self._end(task, future.result())
+        return pending
+
+    def _may_start(self, pending: Collection[Task], count: int) -> bool:
+        """Return whether another may start beside the `count` that run."""
+        if self._is_stopped or count >= self.workers:
+            return False
+        is_suspect_left = any(self._deaths[task.name] for task in pending)
+        return count == 0 or not (is_suspect_left or (self._peak or _USUAL_PEAK) * (count + 1) > self.memory)
+
+    def _choose(self, pending: list[Task], running: Collection[Task]) -> Task:
+        """Return the task that would have to wait least for pieces that are being made, the first of equals."""
+        suspects = [task for task in pending if self._deaths[task.name]]
+        being_made = frozenset[str]().union(*(task.pieces for task in running)) - self._made
+        return min(suspects or pending, key=lambda task: len(task.pieces & being_made))
+
+    def _after_death(self, task: Task) -> list[Task]:
+        """Return the task to be tried again, or end it."""
+        self._deaths[task.name] += 1
+        if self._deaths[task.name] < MOST_DEATHS:
+            return [task]
+        self._end(task, Outcome("the process that worked on it was ended from outside, twice; is memory short?"))
+        return []
+
+    def _end(self, task: Task, outcome: Outcome) -> None:
+        self._peak = max(self._peak, outcome.peak_memory_bytes)
+        if outcome.error is None:
+            self._made |= task.pieces
+        elif not self.keep_going:
+            self._is_stopped = True
+        self.ended(task.name, outcome)

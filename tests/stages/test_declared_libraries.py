@@ -1,0 +1,45 @@
+"""The libraries that a stage declares are those that its code imports, itself or through what stages share."""
+
+from __future__ import annotations
+
+import sys
+from importlib.metadata import packages_distributions
+
+import grimp
+import pytest
+
+from scaffold_pipeline.registry import load_stage, stage_owners
+from scaffold_pipeline.registry import stage_names as names
+
+SHAPE_NO_OUTPUT = {"pydantic"}
+"""It checks parameters."""
+
+
+@pytest.fixture(scope="module")
+def graph() -> grimp.ImportGraph:
+    return grimp.build_graph("scaffold_stages", "scaffold_pipeline", include_external_packages=True)
+
+
+def libraries_of(module: str, graph: grimp.ImportGraph) -> set[str]:
+    distributions = packages_distributions()
+    seen: set[str] = set()
+    found: set[str] = set()
+    todo = {module}
+    while todo:
+        at = todo.pop()
+        seen.add(at)
+        for imported in graph.find_modules_directly_imported_by(at):
+            top = imported.partition(".")[0]
+            if top == "scaffold_stages":
+                todo |= {imported} - seen
+            elif top != "scaffold_pipeline" and top not in sys.stdlib_module_names:
+                found |= set(distributions.get(top, [top]))
+    return found - SHAPE_NO_OUTPUT
+
+
+@pytest.mark.parametrize("name", [name for name in names() if stage_owners([name]).keys() == {"scaffold-pipeline"}])
+def test_a_stage_declares_the_libraries_that_its_code_imports(name: str, graph: grimp.ImportGraph):
+    stage = load_stage(name)
+    imported = libraries_of(stage.function.__module__, graph)
+    declare = tuple(sorted(imported - {"numpy"}))
+    assert set(stage.libraries) == imported | {"numpy"}, f"write @stage(..., libraries={declare})"
