@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from scaffold_pipeline.artifacts import Floats, Ints, OuterShape, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
 from scaffold_pipeline.contract import Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
@@ -27,7 +27,7 @@ class ExtractOuterParams(Params):
     """What to do where the boundary touches itself at a vertex or an edge: move its sheets apart, or stop."""
 
 
-@stage(writes="outer", version=1)
+@stage(writes="outer", version=2)
 def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
     """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
 
@@ -44,13 +44,14 @@ def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape
     _require_apart(mesh, surface, owners)
     notes = [f"boundary of {cells.count(mesh.cells)} cells, {len(faces.quadrangles)} of its faces quadrangles"]
     vertices, surface = triangles.drop_unreferenced(mesh.vertices, surface)
-    vertices, surface = _parted(vertices, surface, params, notes)
+    facts: dict[str, Fact] = {}
+    vertices, surface = _parted(vertices, surface, params, notes, facts)
     _require_no_self_intersection(vertices, surface)
     outer = OuterShape(vertices, surface)
-    bent = outer.volume / mesh.volume - 1.0
+    bent = facts["volume_difference"] = outer.volume / mesh.volume - 1.0
     if abs(bent) > _BENT and len(faces.quadrangles):
         notes.append(f"cutting bent quadrangles changed the volume by {bent:.2g} of itself")
-    return OuterShape(outer.vertices, outer.faces, tuple(notes))
+    return OuterShape(outer.vertices, outer.faces, tuple(notes), facts)
 
 
 def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
@@ -71,7 +72,9 @@ def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
             )
 
 
-def _parted(vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: list[str]) -> tuple[Floats, Ints]:
+def _parted(
+    vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: list[str], facts: dict[str, Fact]
+) -> tuple[Floats, Ints]:
     """Move the surface apart where it touches itself."""
     faults, at_vertices = triangles.edge_faults(surface), triangles.touching_vertices(surface)
     if not faults.non_manifold and not at_vertices:
@@ -90,6 +93,11 @@ def _parted(vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: 
         f"itself, by at most {parted.farthest:.2g} mm"
     )
     notes.append(said)
+    facts |= {
+        "vertices_parted": parted.touching_vertices,
+        "edges_parted": parted.touching_edges,
+        "parting_distance_mm": parted.farthest,
+    }
     warnings.warn(f"the outer shape is {said}", PipelineWarning, stacklevel=3)
     return parted.vertices, parted.faces
 

@@ -74,7 +74,7 @@ class MeasureParams(Params):
         return room
 
 
-@stage(writes="metrics", version=4)
+@stage(writes="metrics", version=5)
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -94,6 +94,7 @@ def measure(
     vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))
     file = SurfaceMesh(vertices, faces)
     values: dict[str, Fact] = {
+        **outer.facts,
         "porosity": 1.0 - file.volume / outer.volume,
         "porosity_requested": porous.porosity_requested,
         "iso": porous.iso,

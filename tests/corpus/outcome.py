@@ -7,6 +7,7 @@ outside, or clear lines with the right exit code. Never: a traceback, a crash, a
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -21,7 +22,10 @@ from end_to_end.solid_judge import faults_of
 
 POROSITY = 0.6
 MOST_SECONDS = 600.0
-CELLS, VOXELS = 400, 72  # a coarse scaffold: cells of a surface, voxels along the longest side
+CELLS = 200  # of a surface
+CELL_VOLUME = 0.109  # of such a cell, in cubes of its mean edge
+FINENESS = 16.0  # voxels to a mean edge
+MOST_VOXELS = 8e6  # of the bounding box: a volume mesh of tens of thousands of cells has coarser ones
 SMALLEST = 2.0  # mm: what is smaller is taken to be in metres
 CLEAR = {1: "refused", 2: "refused", 3: "gate failed"}
 
@@ -48,13 +52,30 @@ def outcome_of(file: Path, folder: Path, repair: str = "safe") -> Outcome:
         ended = _run(config, loading, folder / "out")
         if ended.code != 0:
             break
-        record = json.loads((folder / "out" / "run.json").read_text(encoding="utf-8"))
-        size = max(record["stages"][-1]["summary"][f"size_{axis}"] for axis in "xyz")
-        if size < SMALLEST:
+        if max(_sizes(folder / "out")) < SMALLEST:
             continue  # the judge merges vertices that lie 1e-8 mm apart
-        ended = _run(config, [*loading, *meshing, *_stages_from_the_field(size / VOXELS)], folder / "out")
+        later = _stages_from_the_field(_voxel_size(folder / "out"))
+        ended = _run(config, [*loading, *meshing, *later], folder / "out")
         break
     return _judged(ended, folder / "out", time.perf_counter() - started)
+
+
+def _sizes(out: Path) -> list[float]:
+    """Return the sides of the outer shape, mm."""
+    return [_fact(out, f"size_{axis}") for axis in "xyz"]
+
+
+def _voxel_size(out: Path) -> float:
+    """Return the voxel size that suits the cells that were read, or those that a surface will be filled with, mm."""
+    filled = (_fact(out, "volume_mm3") / (CELLS * CELL_VOLUME)) ** (1.0 / 3.0)
+    finest = (math.prod(_sizes(out)) / MOST_VOXELS) ** (1.0 / 3.0)
+    return max(_fact(out, "edge_length_mean", filled) / FINENESS, finest)
+
+
+def _fact(out: Path, name: str, default: float = math.nan) -> float:
+    """Return the first fact of that name in a run's record."""
+    record = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    return next((stage["summary"][name] for stage in record["stages"] if name in stage["summary"]), default)
 
 
 class _Ended(NamedTuple):

@@ -61,13 +61,13 @@ def mesh_of(solid: Solid, edge: float | None, seconds: float) -> VolumeMesh:
         {"vertices": solid.vertices - centre, "faces": solid.faces},
         {"triangles": solid.area / (_EQUILATERAL * (ENOUGH * target) ** 2), "target": target, "envelope": envelope},
         seconds=seconds,
-        about=f"mesh of the solid, {len(solid.faces)} triangles, mesh_edge {target:.3g} mm; raise mesh_time_limit or "
-        "mesh_edge, or set mesh off",
+        about=f"mesh of the solid, {len(solid.faces)} triangles, edge_length {target:.3g} mm; raise edge_length or "
+        "time_limit",
     )
     mesh = VolumeMesh(answer["vertices"] + centre, answer["cells"])
     require_solid(mesh, solid)
     _warn_of_other_topology(mesh, solid)
-    facts: dict[str, Fact] = {"mesh_edge": target, "mesh_envelope": envelope, **_measured(mesh, solid)}
+    facts: dict[str, Fact] = {"target_edge": target, "envelope": envelope, **_measured(mesh, solid)}
     return VolumeMesh(mesh.vertices, mesh.tetrahedra, facts=facts)
 
 
@@ -78,14 +78,11 @@ def _measured(mesh: VolumeMesh, solid: Solid) -> dict[str, Fact]:
     skin = mesh.vertices[np.unique(_faces(mesh.tetrahedra).outer)]
     squared, _, _ = point_mesh_squared_distance(skin, solid.vertices, solid.faces)
     return {
-        "mesh_cells": len(mesh.tetrahedra),
-        "mesh_nodes": len(mesh.vertices),
-        "mesh_volume_mm3": mesh.volume,
-        "mesh_volume_difference": mesh.volume / solid.volume - 1.0,
-        "mesh_distance_mm": float(np.sqrt(squared.max())),
-        "mesh_least_scaled_jacobian": worst.scaled_jacobian,
-        "mesh_least_dihedral_angle": worst.dihedral_angle,
-        "mesh_euler_difference": _euler_difference(mesh, solid),
+        "volume_difference": mesh.volume / solid.volume - 1.0,
+        "distance_mm": float(np.sqrt(squared.max())),
+        "least_scaled_jacobian": worst.scaled_jacobian,
+        "least_dihedral_angle": worst.dihedral_angle,
+        "euler_difference": _euler_difference(mesh, solid),
     }
 
 
@@ -115,12 +112,12 @@ def require_solid(mesh: VolumeMesh, solid: Solid) -> None:
     if (found := _pieces(mesh.tetrahedra)) != pieces:
         raise StageError(
             f"mesh of the solid: must be in as many pieces as it, {pieces}, but its cells are in {found}; lower "
-            "mesh_edge, which thin struts are lost at"
+            "edge_length, which thin struts are lost at"
         )
     if not abs(mesh.volume - solid.volume) <= VOLUME_TOLERANCE * solid.volume:
         raise StageError(
             f"mesh of the solid: must keep its volume to {VOLUME_TOLERANCE:g}, but the cells fill {mesh.volume:.6g} "
-            f"of {solid.volume:.6g} mm^3; lower mesh_edge"
+            f"of {solid.volume:.6g} mm^3; lower edge_length"
         )
 
 
@@ -129,7 +126,7 @@ def _warn_of_other_topology(mesh: VolumeMesh, solid: Solid) -> None:
         what = "narrow gaps are bridged" if difference < 0 else "thin struts are broken, or small holes filled"
         warnings.warn(
             f"mesh of the solid: its Euler characteristic is {difference:+d} off that of the solid: {what}; lower "
-            "mesh_edge for a closer mesh",
+            "edge_length for a closer mesh",
             PipelineWarning,
             stacklevel=4,
         )

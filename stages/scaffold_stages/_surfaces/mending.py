@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from scaffold_stages._kernels import triangles
+from scaffold_stages._surfaces.account import Deed, Done
 from scaffold_stages._surfaces.edges import (
     MANIFOLD,
-    Done,
     Floats,
     Ints,
     Mask,
@@ -29,13 +29,13 @@ _ROUNDS = 20
 _MOST_OPEN = 200_000
 """Open vertices up to which it is looked for such as lie on an edge: more are shreds, to be rebuilt."""
 
-_MERGED = "merged {} coincident vertices"
-_WELDED = "welded {} vertices along cracks that the file's rounding explains"
-_STITCHED = "cut {} triangles at vertices that lay on their open edge"
-_TWICE = "dropped {} triangles that use a vertex twice"
-_COLLAPSED = "collapsed {} triangles without area"
-_DOUBLE = "dropped {} duplicate triangles"
-_FOLDED = "dropped {} triangles of walls that the file has both ways round"
+_MERGED = Deed("vertices_merged", "merged {} coincident vertices")
+_WELDED = Deed("vertices_welded", "welded {} vertices along cracks that the file's rounding explains")
+_STITCHED = Deed("triangles_cut", "cut {} triangles at vertices that lay on their open edge")
+_TWICE = Deed("triangles_of_two_corners_dropped", "dropped {} triangles that use a vertex twice")
+_COLLAPSED = Deed("triangles_without_area_collapsed", "collapsed {} triangles without area")
+_DOUBLE = Deed("duplicate_triangles_dropped", "dropped {} duplicate triangles")
+_FOLDED = Deed("folded_triangles_dropped", "dropped {} triangles of walls that the file has both ways round")
 
 
 def merged(vertices: Floats, faces: Ints, done: Done) -> Surface:
@@ -66,8 +66,8 @@ def mended(vertices: Floats, faces: Ints, done: Done) -> Surface:
     return triangles.drop_unreferenced(vertices, faces)
 
 
-def _without(faces: Ints, bad: Mask, said: str, done: Done) -> Ints:
-    done[said] += int(bad.sum())
+def _without(faces: Ints, bad: Mask, deed: Deed, done: Done) -> Ints:
+    done[deed] += int(bad.sum())
     return faces[~bad]
 
 
@@ -134,13 +134,13 @@ def _welded(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:
     return _joined(faces, rim[pairs[:, 0]], rim[pairs[:, 1]], len(vertices), _WELDED, done)
 
 
-def _joined(faces: Ints, one: Ints, other: Ints, count: int, said: str, done: Done) -> Ints:
+def _joined(faces: Ints, one: Ints, other: Ints, count: int, deed: Deed, done: Done) -> Ints:
     """Let faces use, of vertices that are paired, the first; faces that then use one twice go."""
     label = components(one, other, count)
     first = np.full(count, count)
     np.minimum.at(first, label, np.arange(count))
     place = first[label]
-    done[said] += int((place[np.unique(faces)] != np.unique(faces)).sum())
+    done[deed] += int((place[np.unique(faces)] != np.unique(faces)).sum())
     moved = place[faces]
     return _without(moved, triangles.collapsed_faces(moved), _TWICE, done)
 

@@ -1,0 +1,44 @@
+"""What a repair did to a surface, in words and by number."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import NamedTuple, TypeAlias
+
+from scaffold_pipeline.artifacts import Fact
+
+
+class Deed(NamedTuple):
+    """What can be done: the name of the fact that counts it, and a sentence with a `{}` for the number."""
+
+    name: str
+    said: str
+
+
+Done: TypeAlias = Counter[Deed]
+"""How often what was done."""
+
+
+@dataclass(frozen=True)
+class Account:
+    """The notes of what was done, and the facts of it."""
+
+    notes: list[str] = field(default_factory=list)
+    facts: dict[str, Fact] = field(default_factory=dict)
+
+    def count(self, deed: Deed, number: int) -> None:
+        """Note what was done so many times, unless that is none."""
+        if number:
+            self.notes.append(deed.said.format(number))
+            self.facts[deed.name] = number
+
+    def count_all(self, done: Done) -> None:
+        """Note all that was done."""
+        for deed, number in done.items():
+            self.count(deed, number)
+
+    def add(self, other: Account) -> None:
+        """Take over what another account has."""
+        self.notes.extend(other.notes)
+        self.facts.update(other.facts)
