@@ -12,6 +12,7 @@ from scaffold_pipeline.contract import Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
 from scaffold_stages._kernels import triangles
+from scaffold_stages._surfaces import crossings
 from scaffold_stages._volumes import cells, touching
 from scaffold_stages._volumes.boundary import boundary_triangles
 
@@ -103,13 +104,11 @@ def _parted(
 
 
 def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
-    # Seconds are enough for millions of triangles; on some tangles the search never ends.
-    seconds = 60.0 + len(surface) / 20_000
     found = call_in_child(
-        triangles.self_intersections,
+        crossings.crossing_faces,
         {"vertices": vertices, "faces": surface},
         {},
-        seconds=seconds,
+        seconds=60.0 + len(surface) / 5_000,  # exact arithmetic; millions of sound triangles take seconds
         about=f"the mesh's boundary could not be searched for self-intersections: {_REPAIR}",
     )["faces"]
     if len(found):
