@@ -210,6 +210,27 @@ def test_a_fine_surface_is_thinned_out_before_it_is_filled(monkeypatch: pytest.M
     assert thinned.volume == pytest.approx(cubes.volume, rel=1e-6)
 
 
+def test_many_triangles_get_few_rounds(monkeypatch: pytest.MonkeyPatch):
+    rounds = []
+    monkeypatch.setattr(module, "run_ftetwild", lambda *given: rounds.append(given[4]))
+    monkeypatch.setattr(module, "MANY", len(SOLID.faces))
+
+    for faces in (SOLID.faces, np.concatenate([SOLID.faces, SOLID.faces])):
+        module.fill(SOLID.vertices, faces, np.inf, 1.0, 0.1)
+
+    assert rounds == [module.ROUNDS, module.FEW_ROUNDS]
+
+
+def test_flat_cells_are_told_of(tmp_path: Path, answer: dict):
+    answer["vertices"] = answer["vertices"] * [0.05, 1.0, 1.0]
+    flat = Solid((SOLID.vertices - SOLID.bounds.mean(axis=0)) * [0.05, 1.0, 1.0], SOLID.faces)
+
+    with pytest.warns(PipelineWarning, match=r"\d+ of 48 cells have a dihedral angle below 5 degrees, the least"):
+        facts = written(tmp_path, flat)
+
+    assert 0 < facts["flat_cells"] <= 48
+
+
 def drop_unused(cells: Ints) -> tuple[Ints, Ints]:
     used, places = np.unique(cells, return_inverse=True)
     return used, places.reshape(cells.shape)
@@ -276,6 +297,7 @@ def test_the_quality_of_a_regular_tetrahedron_is_the_best():
     worst = quality(mesh)
 
     assert worst.scaled_jacobian == pytest.approx(1.0)
+    assert worst.flat_cells == 0
     assert worst.dihedral_angle == pytest.approx(np.degrees(np.arccos(1.0 / 3.0)))
 
 
