@@ -208,6 +208,6 @@ def _mesh(outer: OuterShape, size: _Size, seconds: float) -> tuple[Floats, Ints]
         {"vertices": (outer.vertices - centre) @ turn, "faces": outer.faces},
         asdict(size),
         seconds=seconds,
-        about=f"{about}; raise edge_length or envelope",
+        about=f"{about}; where it died or took too long, raise edge_length or envelope",
     )
     return answer["vertices"] @ turn.T + centre, answer["cells"]

@@ -117,7 +117,9 @@ def test_what_the_mesher_would_not_survive_is_refused_before_it_starts(
 
 @pytest.mark.usefixtures("deadly")
 def test_a_mesher_that_dies_is_one_line():
-    with pytest.raises(StageError, match=r"ended by SIGABRT.*; outer shape of 12 triangles.*; raise") as failure:
+    with pytest.raises(
+        StageError, match=r"ended by SIGABRT.*; outer shape of 12 triangles.*; where it died .*, raise"
+    ) as failure:
         meshed(edge_length=2.5)
     assert "\n" not in str(failure.value)
 
