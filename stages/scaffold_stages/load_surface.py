@@ -16,7 +16,7 @@ from scaffold_pipeline.isolation import call_in_child
 from scaffold_stages._kernels import surface_files, triangles
 from scaffold_stages._kernels.input_files import warn_of_odd_size
 from scaffold_stages._surfaces import comparison, crossings, mending, repair
-from scaffold_stages._surfaces.account import Account, Deed
+from scaffold_stages._surfaces.account import DOUBLE, MERGED, TURNED, TWICE, Account, Deed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -40,12 +40,8 @@ _WORTH_A_WARNING = 0.1
 _FLAT = 1e-9
 """Volume over area to the power 3/2 (0.09 for a ball) below which a closed surface bounds but a sheet."""
 
-_MERGED = Deed("vertices_merged", "merged {} coincident vertices")
-_TWICE = Deed("triangles_of_two_corners_dropped", "dropped {} triangles that use a vertex twice")
-_DOUBLE = Deed("duplicate_triangles_dropped", "dropped {} duplicate triangles")
 _FLATS = Deed("triangles_without_area_dropped", "dropped {} triangles without area")
 _UNUSED = Deed("vertices_dropped", "dropped {} vertices that no triangle uses")
-_TURNED = Deed("triangles_turned", "turned {} triangles that were wound against their neighbours")
 _ALL = Deed("pieces_kept", "kept all of {} pieces")
 _CAVITIES = Deed("cavities", "{} pieces are cavities")
 _WRONG_WAY = Deed("pieces_turned", "turned {} pieces that faced the wrong way")
@@ -129,9 +125,9 @@ def _cleaned(vertices: Floats, faces: Ints, account: Account) -> tuple[Floats, I
     """Merge coincident vertices; drop collapsed, repeated and flat faces and what then is not used."""
     count = len(vertices)
     vertices, faces = triangles.merge_coincident(vertices, faces)
-    account.count(_MERGED, count - len(vertices))
-    faces = _without(faces, triangles.collapsed_faces(faces), _TWICE, account)
-    faces = _without(faces, triangles.repeated_faces(faces), _DOUBLE, account)
+    account.count(MERGED, count - len(vertices))
+    faces = _without(faces, triangles.collapsed_faces(faces), TWICE, account)
+    faces = _without(faces, triangles.repeated_faces(faces), DOUBLE, account)
     faces = _without(faces, triangles.flat_faces(vertices, faces), _FLATS, account)
     count = len(vertices)
     vertices, faces = triangles.drop_unreferenced(vertices, faces)
@@ -222,7 +218,7 @@ def _require_some(faces: Ints, params: LoadSurfaceParams, notes: list[str]) -> N
 def _wound(vertices: Floats, faces: Ints, account: Account) -> tuple[Ints, Ints]:
     """Make neighbours agree; return the faces and the piece of each, pieces by falling volume."""
     winding = triangles.consistent_winding(faces)
-    account.count(_TURNED, int(winding.turn.sum()))
+    account.count(TURNED, int(winding.turn.sum()))
     faces = triangles.turn_faces(faces, winding.turn)
     pieces = triangles.face_pieces(faces)
     volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))

@@ -16,6 +16,11 @@ class Deed(NamedTuple):
     said: str
 
 
+MERGED = Deed("vertices_merged", "merged {} coincident vertices")
+TWICE = Deed("triangles_of_two_corners_dropped", "dropped {} triangles that use a vertex twice")
+DOUBLE = Deed("duplicate_triangles_dropped", "dropped {} duplicate triangles")
+TURNED = Deed("triangles_turned", "turned {} triangles that were wound against their neighbours")
+
 Done: TypeAlias = Counter[Deed]
 """How often what was done."""
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from scaffold_stages._kernels import triangles
-from scaffold_stages._surfaces.account import Deed, Done
+from scaffold_stages._surfaces.account import DOUBLE, MERGED, TWICE, Deed, Done
 from scaffold_stages._surfaces.edges import (
     MANIFOLD,
     Floats,
@@ -29,12 +29,9 @@ _ROUNDS = 20
 _MOST_OPEN = 200_000
 """Open vertices up to which it is looked for such as lie on an edge: more are shreds, to be rebuilt."""
 
-_MERGED = Deed("vertices_merged", "merged {} coincident vertices")
 _WELDED = Deed("vertices_welded", "welded {} vertices along cracks that the file's rounding explains")
 _STITCHED = Deed("triangles_cut", "cut {} triangles at vertices that lay on their open edge")
-_TWICE = Deed("triangles_of_two_corners_dropped", "dropped {} triangles that use a vertex twice")
 _COLLAPSED = Deed("triangles_without_area_collapsed", "collapsed {} triangles without area")
-_DOUBLE = Deed("duplicate_triangles_dropped", "dropped {} duplicate triangles")
 _FOLDED = Deed("folded_triangles_dropped", "dropped {} triangles of walls that the file has both ways round")
 
 
@@ -42,8 +39,8 @@ def merged(vertices: Floats, faces: Ints, done: Done) -> Surface:
     """Return the surface with one vertex for each place, without what then is no triangle or is not used."""
     count = len(vertices)
     vertices, faces = triangles.merge_coincident(vertices, faces)
-    done[_MERGED] += count - len(vertices)
-    faces = _without(faces, triangles.collapsed_faces(faces), _TWICE, done)
+    done[MERGED] += count - len(vertices)
+    faces = _without(faces, triangles.collapsed_faces(faces), TWICE, done)
     return triangles.drop_unreferenced(vertices, faces)
 
 
@@ -88,7 +85,7 @@ def _without_doubles(faces: Ints, done: Done) -> Ints:
     is_both_ways = ((net == 0) & (copies > 1))[group[np.sort(first)]]
     is_wall = is_both_ways & ~_closes_something(one_each, is_both_ways)
     done[_FOLDED] += 2 * int(is_wall.sum())
-    done[_DOUBLE] += len(faces) - len(one_each) - int(is_wall.sum())
+    done[DOUBLE] += len(faces) - len(one_each) - int(is_wall.sum())
     return np.asarray(one_each[~is_wall])
 
 
@@ -142,7 +139,7 @@ def _joined(faces: Ints, one: Ints, other: Ints, count: int, deed: Deed, done: D
     place = first[label]
     done[deed] += int((place[np.unique(faces)] != np.unique(faces)).sum())
     moved = place[faces]
-    return _without(moved, triangles.collapsed_faces(moved), _TWICE, done)
+    return _without(moved, triangles.collapsed_faces(moved), TWICE, done)
 
 
 def _without_flats(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:

@@ -11,7 +11,7 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.isolation import Arrays, call_in_child
 from scaffold_stages._kernels import triangles
 from scaffold_stages._surfaces import arrangement, holes, mending, sheets, voxels
-from scaffold_stages._surfaces.account import Account, Deed, Done
+from scaffold_stages._surfaces.account import TURNED, Account, Deed, Done
 from scaffold_stages._surfaces.edges import Floats, Ints, Surface, edges_of
 from scaffold_stages._surfaces.parting import parted_or_same
 
@@ -28,7 +28,6 @@ _INSIDE = 0.5
 """Winding number halfway between outside and inside."""
 
 
-_TURNED = Deed("triangles_turned", "turned {} triangles that were wound against their neighbours")
 _PIECES = Deed("pieces_turned", "turned {} pieces that faced inward")
 _TOO_LONG = Deed("holes_left", f"left {{}} holes of more than {holes.LONGEST} edges open")
 
@@ -90,7 +89,7 @@ def _prepared(vertices: Floats, faces: Ints, done: Done) -> Surface:
     vertices, faces = mending.mended(vertices, faces, done)
     vertices, faces = sheets.without_sheets(vertices, faces, done)
     turn = triangles.consistent_winding(faces).turn
-    done[_TURNED] += int(turn.sum())
+    done[TURNED] += int(turn.sum())
     return np.ascontiguousarray(vertices), np.ascontiguousarray(triangles.turn_faces(faces, turn))
 
 
