@@ -49,7 +49,7 @@ def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape
     vertices, surface = _parted(vertices, surface, params, notes, facts)
     _require_no_self_intersection(vertices, surface)
     outer = OuterShape(vertices, surface)
-    bent = facts["volume_difference"] = outer.volume / mesh.volume - 1.0
+    bent = facts["boundary_volume_difference"] = outer.volume / mesh.volume - 1.0
     if abs(bent) > _BENT and len(faces.quadrangles):
         notes.append(f"cutting bent quadrangles changed the volume by {bent:.2g} of itself")
     return OuterShape(outer.vertices, outer.faces, tuple(notes), facts)
@@ -95,9 +95,9 @@ def _parted(
     )
     notes.append(said)
     facts |= {
-        "vertices_parted": parted.touching_vertices,
-        "edges_parted": parted.touching_edges,
-        "parting_distance_mm": parted.farthest,
+        "boundary_vertices_parted": parted.touching_vertices,
+        "boundary_edges_parted": parted.touching_edges,
+        "boundary_parting_mm": parted.farthest,
     }
     warnings.warn(f"the outer shape is {said}", PipelineWarning, stacklevel=3)
     return parted.vertices, parted.faces

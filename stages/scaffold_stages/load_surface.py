@@ -80,7 +80,7 @@ def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     name = params.path.name
     content = surface_files.read_surface(params.path)
     scale, unit_note = _scale_to_mm(content, params.units, name)
-    account = Account([*content.notes, unit_note], {"mode": params.repair})
+    account = Account([*content.notes, unit_note], measures={"mode": params.repair})
     read = content.vertices * scale, content.faces
     if params.repair == "none":
         vertices, faces = whole = _cleaned(*read, account)
@@ -169,7 +169,7 @@ def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurf
     moved = comparison.moved(read, whole, kept, allowed / _SAMPLES)
     name, farthest = params.path.name, max(moved.lost, moved.gained, key=lambda side: side.distance)
     (volume, area), (new_volume, new_area) = (_volume_and_area(*surface) for surface in (read, whole))
-    account.facts.update(
+    account.measures.update(
         distance_mm=farthest.distance,
         tolerance_mm=allowed,
         volume_before_mm3=volume,
@@ -236,7 +236,7 @@ def _chosen(
         account.count(_ALL, len(volumes) if len(volumes) > 1 else 0)
         return faces, pieces
     kept = pieces == 0
-    account.facts["pieces_dropped"] = len(volumes) - 1
+    account.measures["pieces_dropped"] = len(volumes) - 1
     account.notes.append(
         f"kept the largest of {len(volumes)} pieces ({volumes[0]:.6g} mm^3) and dropped {len(volumes) - 1} "
         f"({int((~kept).sum())} triangles, the greatest {volumes[1]:.6g} mm^3)"

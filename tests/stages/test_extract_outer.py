@@ -134,9 +134,9 @@ def test_a_boundary_that_touches_itself_is_parted(name: str):
     require_sound(outer)
     assert outer.volume == pytest.approx(mesh.volume, rel=0.03)
     assert any(said in note and re.search(r"by at most 0.0[12] mm", note) for note in outer.notes)
-    assert 0.0 < outer.facts["parting_distance_mm"] < 0.025
-    assert outer.facts["vertices_parted"] + outer.facts["edges_parted"] > 0
-    assert outer.facts["volume_difference"] == pytest.approx(outer.volume / mesh.volume - 1.0)
+    assert 0.0 < outer.facts["boundary_parting_mm"] < 0.025
+    assert outer.facts["boundary_vertices_parted"] + outer.facts["boundary_edges_parted"] > 0
+    assert outer.facts["boundary_volume_difference"] == pytest.approx(outer.volume / mesh.volume - 1.0)
 
 
 def test_a_boundary_that_touches_itself_is_refused_where_that_is_asked_for():

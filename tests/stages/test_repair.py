@@ -15,6 +15,7 @@ from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels import triangles
 from scaffold_stages._surfaces import comparison, holes, spanning
+from scaffold_stages._surfaces.account import TURNED, Account
 from scaffold_stages._surfaces.crossings import crossing_faces
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 from shapes import ball, box, inverted, require_closed, together, volume_of
@@ -298,6 +299,15 @@ def test_numbers_of_a_repair_are_facts(tmp_path: Path):
     doubled = areas[5:8].sum()
     assert facts["repair_area_before_mm2"] == pytest.approx(areas[1:].sum() + doubled)
     assert facts["repair_area_after_mm2"] == pytest.approx(areas.sum(), rel=1e-3)
+
+
+def test_what_is_done_in_two_steps_is_counted_together():
+    one, other = Account(), Account()
+    one.count(TURNED, 3)
+    other.count(TURNED, 4)
+    one.add(other)
+    assert one.facts == {"triangles_turned": 7}
+    assert [note.split()[1] for note in one.notes] == ["3", "4"]
 
 
 @pytest.mark.parametrize("repair", ["none", "safe", "rebuild"])

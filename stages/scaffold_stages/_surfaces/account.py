@@ -27,16 +27,22 @@ Done: TypeAlias = Counter[Deed]
 
 @dataclass(frozen=True)
 class Account:
-    """The notes of what was done, and the facts of it."""
+    """What was done: in words, how often by the name of the fact, and what was measured of it."""
 
     notes: list[str] = field(default_factory=list)
-    facts: dict[str, Fact] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    measures: dict[str, Fact] = field(default_factory=dict)
+
+    @property
+    def facts(self) -> dict[str, Fact]:
+        """What was counted and measured."""
+        return {**self.counts, **self.measures}
 
     def count(self, deed: Deed, number: int) -> None:
         """Note what was done so many times, unless that is none."""
         if number:
             self.notes.append(deed.said.format(number))
-            self.facts[deed.name] = number
+            self.counts[deed.name] += number
 
     def count_all(self, done: Done) -> None:
         """Note all that was done."""
@@ -44,6 +50,7 @@ class Account:
             self.count(deed, number)
 
     def add(self, other: Account) -> None:
-        """Take over what another account has."""
+        """Take over what another account has; counts add up."""
         self.notes.extend(other.notes)
-        self.facts.update(other.facts)
+        self.counts.update(other.counts)
+        self.measures.update(other.measures)

@@ -75,7 +75,7 @@ def rebuilt(vertices: Floats, faces: Ints, tolerance: float, name: str) -> Repai
         answer, spacing = _sampled(vertices, faces, tolerance, seconds, name)
         reason = str(error).removesuffix(f"; {_CUT}")
         how = f"rebuilt from its winding number on a grid of {spacing:.3g} mm, as {reason}"
-        account.facts["grid_mm"] = spacing
+        account.measures["grid_mm"] = spacing
     account.notes.append(how)
     return Repaired(answer["vertices"], answer["faces"], account)
 
