@@ -65,6 +65,7 @@ def write_bad(out: Path, message: str, **given: object) -> None:
     assert "without mesh_solid in the config, the same command writes its files" in str(failure.value)
 
 
+@pytest.mark.filterwarnings("ignore:mesh of the solid. .* cells have a dihedral angle below")
 def test_ftetwild_fills_a_box_with_a_hole(tmp_path: Path):
     plate = to_body(SOLID.vertices, SOLID.faces, "plate").rotate((20.0, 30.0, 40.0))
     solid = Solid(*from_body(plate))
