@@ -106,9 +106,13 @@ class SurfaceMesh(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class OuterShape(SurfaceMesh):
-    """The anatomical outer shape: a closed, outward surface, with the notes of what was done to make it so."""
+    """The anatomical outer shape: a closed, outward surface.
+
+    `notes` tell in words what was done to make it so, `facts` by number.
+    """
 
     notes: tuple[str, ...] = ()
+    facts: Mapping[str, Fact] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -116,8 +120,8 @@ class OuterShape(SurfaceMesh):
             raise StageError(f"OuterShape: must enclose a positive volume, got {self.volume:.6g} mm^3")
 
     def summary(self) -> dict[str, Fact]:
-        """Return the surface's facts and the notes."""
-        return {**super().summary(), "notes": "; ".join(self.notes)}
+        """Return the surface's facts, the notes and what was done."""
+        return {**super().summary(), "notes": "; ".join(self.notes), **self.facts}
 
 
 class CellMesh(Artifact):

@@ -7,11 +7,12 @@ from typing import Literal
 
 import numpy as np
 
-from scaffold_pipeline.artifacts import Floats, Ints, OuterShape, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
 from scaffold_pipeline.contract import Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.isolation import call_in_child
 from scaffold_stages._kernels import triangles
+from scaffold_stages._surfaces import crossings
 from scaffold_stages._volumes import cells, lattices, touching
 from scaffold_stages._volumes.boundary import boundary_triangles
 
@@ -30,7 +31,7 @@ class ExtractOuterParams(Params):
     """What to do where the boundary touches itself at a vertex or an edge: move its sheets apart, or stop."""
 
 
-@stage(writes="outer", version=1, libraries=("pymeshlab", "scipy"))
+@stage(writes="outer", version=2, libraries=("libigl", "scipy"))
 def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
     """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
 
@@ -50,13 +51,14 @@ def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape
     _require_apart(mesh, surface, owners)
     notes = [f"boundary of {cells.count(mesh.cells)} cells, {len(faces.quadrangles)} of its faces quadrangles"]
     vertices, surface = triangles.drop_unreferenced(mesh.vertices, surface)
-    vertices, surface = _parted(vertices, surface, params, notes)
+    facts: dict[str, Fact] = {}
+    vertices, surface = _parted(vertices, surface, params, notes, facts)
     _require_no_self_intersection(vertices, surface)
     outer = OuterShape(vertices, surface)
-    bent = outer.volume / mesh.volume - 1.0
+    bent = facts["boundary_volume_difference"] = outer.volume / mesh.volume - 1.0
     if abs(bent) > _BENT and len(faces.quadrangles):
         notes.append(f"cutting bent quadrangles changed the volume by {bent:.2g} of itself")
-    return OuterShape(outer.vertices, outer.faces, tuple(notes))
+    return OuterShape(outer.vertices, outer.faces, tuple(notes), facts)
 
 
 def _box(mesh: VolumeMesh) -> OuterShape:
@@ -85,7 +87,9 @@ def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
             )
 
 
-def _parted(vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: list[str]) -> tuple[Floats, Ints]:
+def _parted(
+    vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: list[str], facts: dict[str, Fact]
+) -> tuple[Floats, Ints]:
     """Move the surface apart where it touches itself."""
     faults, at_vertices = triangles.edge_faults(surface), triangles.touching_vertices(surface)
     if not faults.non_manifold and not at_vertices:
@@ -104,18 +108,21 @@ def _parted(vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: 
         f"itself, by at most {parted.farthest:.2g} mm"
     )
     notes.append(said)
+    facts |= {
+        "boundary_vertices_parted": parted.touching_vertices,
+        "boundary_edges_parted": parted.touching_edges,
+        "boundary_parting_mm": parted.farthest,
+    }
     warnings.warn(f"the outer shape is {said}", PipelineWarning, stacklevel=3)
     return parted.vertices, parted.faces
 
 
 def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
-    # Seconds are enough for millions of triangles; on some tangles the search never ends.
-    seconds = 60.0 + len(surface) / 20_000
     found = call_in_child(
-        triangles.self_intersections,
+        crossings.crossing_faces,
         {"vertices": vertices, "faces": surface},
         {},
-        seconds=seconds,
+        seconds=60.0 + len(surface) / 5_000,  # exact arithmetic; millions of sound triangles take seconds
         about=f"the mesh's boundary could not be searched for self-intersections: {_REPAIR}",
     )["faces"]
     if len(found):

@@ -12,9 +12,10 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.isolation import call_in_child
 from scaffold_stages._kernels import surface_files, triangles
 from scaffold_stages._kernels.triangles import Floats, Ints
+from scaffold_stages._surfaces import crossings
 
 _SEARCH_SECONDS = 60.0
-"""For the search for self-intersections: a million triangles take seconds, some tangles for ever."""
+"""For the search for self-intersections: exact; a million triangles take seconds, a tangle may take longer."""
 
 
 class InspectSurfaceParams(Params):
@@ -27,7 +28,7 @@ class InspectSurfaceParams(Params):
     """What a length of 1 in the file means; left out, what the file says, or else mm."""
 
 
-@stage(writes="metrics", version=1, libraries=("manifold3d", "pymeshlab", "scipy", "trimesh", "vtk"))
+@stage(writes="metrics", version=2, libraries=("libigl", "manifold3d", "scipy", "trimesh", "vtk"))
 def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
     """Measure a surface file: unit, size, area, volume, closedness, pieces, self-intersections.
 
@@ -100,8 +101,8 @@ def _topology(vertices: Floats, faces: Ints) -> dict[str, Fact]:
 def _intersections(vertices: Floats, faces: Ints, name: str) -> dict[str, Fact]:
     try:
         found = call_in_child(
-            triangles.self_intersections,
-            {"vertices": vertices, "faces": faces},
+            crossings.crossing_faces,
+            {"vertices": vertices, "faces": faces[~triangles.flat_faces(vertices, faces)]},
             {},
             seconds=_SEARCH_SECONDS,
             about=f"self-intersections of {name} are not counted",

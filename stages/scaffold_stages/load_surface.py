@@ -16,6 +16,7 @@ from scaffold_pipeline.isolation import call_in_child
 from scaffold_stages._kernels import surface_files, triangles
 from scaffold_stages._kernels.input_files import warn_of_odd_size
 from scaffold_stages._surfaces import comparison, crossings, mending, repair
+from scaffold_stages._surfaces.account import DOUBLE, MERGED, TURNED, TWICE, Account, Deed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,6 +39,12 @@ _WORTH_A_WARNING = 0.1
 """A dropped piece of this share of the volume kept is hardly debris."""
 _FLAT = 1e-9
 """Volume over area to the power 3/2 (0.09 for a ball) below which a closed surface bounds but a sheet."""
+
+_FLATS = Deed("triangles_without_area_dropped", "dropped {} triangles without area")
+_UNUSED = Deed("vertices_dropped", "dropped {} vertices that no triangle uses")
+_ALL = Deed("pieces_kept", "kept all of {} pieces")
+_CAVITIES = Deed("cavities", "{} pieces are cavities")
+_WRONG_WAY = Deed("pieces_turned", "turned {} pieces that faced the wrong way")
 
 
 class LoadSurfaceParams(Params):
@@ -62,36 +69,37 @@ class LoadSurfaceParams(Params):
     out, 1 % of the diagonal."""
 
 
-@stage(writes="outer", version=2, libraries=("libigl", "manifold3d", "pymeshlab", "scipy", "trimesh", "vtk"))
+@stage(writes="outer", version=3, libraries=("libigl", "manifold3d", "scipy", "trimesh", "vtk"))
 def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     """Read a surface in mm, repair it, turn it outward, and refuse what does not bound a solid.
 
-    What was done and how far it moved the surface is told by number in the notes; a sound surface stays as it is. A
-    `StageError` tells of an unreadable file, an unknown unit, a repair that moves more than `tolerance`, and of a
-    surface that still is open, non-manifold, one-sided, flat or passes through itself.
+    What was done and how far it moved the surface is told in the notes and, by number, in the facts; a sound surface
+    stays as it is. A `StageError` tells of an unreadable file, an unknown unit, a repair that moves more than
+    `tolerance`, and of a surface that still is open, non-manifold, one-sided, flat or passes through itself.
     """
     name = params.path.name
     content = surface_files.read_surface(params.path)
     scale, unit_note = _scale_to_mm(content, params.units, name)
-    notes = [*content.notes, unit_note]
+    account = Account([*content.notes, unit_note], measures={"mode": params.repair})
     read = content.vertices * scale, content.faces
     if params.repair == "none":
-        vertices, faces = whole = _cleaned(*read, notes)
+        vertices, faces = whole = _cleaned(*read, account)
     else:
-        read = _merged(*read, notes)
-        vertices, faces = whole = _repaired(*read, params, notes)
-    _require_some(faces, params, notes)
-    faces, pieces = _wound(vertices, faces, notes)
-    faces, pieces = _chosen(vertices, faces, pieces, params, notes)
+        read = _merged(*read, account)
+        vertices, faces = whole = _repaired(*read, params, account)
+    _require_some(faces, params, account.notes)
+    faces, pieces = _wound(vertices, faces, account)
+    faces, pieces = _chosen(vertices, faces, pieces, params, account)
     vertices, faces = triangles.drop_unreferenced(vertices, faces)
-    _require_closed(faces, params, notes)
+    _require_closed(faces, params, account.notes)
     _require_volume(vertices, faces, pieces, params)
     if params.repair != "none":
-        _require_near(read, whole, (vertices, faces), params, notes)
+        _require_near(read, whole, (vertices, faces), params, account)
     _require_no_crossing(vertices, faces, params)
-    faces = _outward(vertices, faces, pieces, params, notes)
+    faces = _outward(vertices, faces, pieces, params, account)
     warn_of_odd_size(vertices, name)
-    return OuterShape(vertices=vertices, faces=faces, notes=tuple(notes))
+    facts = {f"repair_{name}": fact for name, fact in account.facts.items()}
+    return OuterShape(vertices=vertices, faces=faces, notes=tuple(account.notes), facts=facts)
 
 
 def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[float, str]:
@@ -113,45 +121,40 @@ def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[fl
     return known[unit], f"unit {unit} ({'given' if units else 'from the file'}), size {size} {unit}"
 
 
-def _cleaned(vertices: Floats, faces: Ints, notes: list[str]) -> tuple[Floats, Ints]:
+def _cleaned(vertices: Floats, faces: Ints, account: Account) -> tuple[Floats, Ints]:
     """Merge coincident vertices; drop collapsed, repeated and flat faces and what then is not used."""
     count = len(vertices)
     vertices, faces = triangles.merge_coincident(vertices, faces)
-    _note(notes, count - len(vertices), "merged {} coincident vertices")
-    faces = _without(faces, triangles.collapsed_faces(faces), "dropped {} triangles that use a vertex twice", notes)
-    faces = _without(faces, triangles.repeated_faces(faces), "dropped {} duplicate triangles", notes)
-    faces = _without(faces, triangles.flat_faces(vertices, faces), "dropped {} triangles without area", notes)
+    account.count(MERGED, count - len(vertices))
+    faces = _without(faces, triangles.collapsed_faces(faces), TWICE, account)
+    faces = _without(faces, triangles.repeated_faces(faces), DOUBLE, account)
+    faces = _without(faces, triangles.flat_faces(vertices, faces), _FLATS, account)
     count = len(vertices)
     vertices, faces = triangles.drop_unreferenced(vertices, faces)
-    _note(notes, count - len(vertices), "dropped {} vertices that no triangle uses")
+    account.count(_UNUSED, count - len(vertices))
     return vertices, faces
 
 
-def _without(faces: Ints, bad: NDArray[np.bool_], said: str, notes: list[str]) -> Ints:
-    _note(notes, int(bad.sum()), said)
+def _without(faces: Ints, bad: NDArray[np.bool_], deed: Deed, account: Account) -> Ints:
+    account.count(deed, int(bad.sum()))
     return faces[~bad]
 
 
-def _note(notes: list[str], count: int, said: str) -> None:
-    if count:
-        notes.append(said.format(count))
-
-
-def _merged(vertices: Floats, faces: Ints, notes: list[str]) -> Surface:
+def _merged(vertices: Floats, faces: Ints, account: Account) -> Surface:
     """Give the surface one vertex for each place."""
-    done: Counter[str] = Counter()
+    done = Counter[Deed]()
     vertices, faces = mending.merged(vertices, faces, done)
-    notes += repair.in_words(done)
+    account.count_all(done)
     return vertices, faces
 
 
-def _repaired(vertices: Floats, faces: Ints, params: LoadSurfaceParams, notes: list[str]) -> Surface:
+def _repaired(vertices: Floats, faces: Ints, params: LoadSurfaceParams, account: Account) -> Surface:
     """Mend or rebuild a surface."""
     if params.repair == "safe":
         found = repair.safe(vertices, faces)
     else:
         found = repair.rebuilt(vertices, faces, _tolerance(params, vertices), params.path.name)
-    notes += found.notes
+    account.add(found.account)
     return found.vertices, found.faces
 
 
@@ -160,16 +163,25 @@ def _tolerance(params: LoadSurfaceParams, vertices: Floats) -> float:
     return params.tolerance or _TOLERANCE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
-def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurfaceParams, notes: list[str]) -> None:
+def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurfaceParams, account: Account) -> None:
     """Note what the repair did in numbers, and refuse it where it moved the surface too far."""
     allowed = _tolerance(params, kept[0])
     moved = comparison.moved(read, whole, kept, allowed / _SAMPLES)
     name, farthest = params.path.name, max(moved.lost, moved.gained, key=lambda side: side.distance)
-    if farthest.distance == 0.0:
-        notes.append(f"repair {params.repair}: no place of the surface moved")
-        return
     (volume, area), (new_volume, new_area) = (_volume_and_area(*surface) for surface in (read, whole))
-    notes.append(
+    account.measures.update(
+        distance_mm=farthest.distance,
+        tolerance_mm=allowed,
+        volume_before_mm3=volume,
+        volume_after_mm3=new_volume,
+        area_before_mm2=area,
+        area_after_mm2=new_area,
+        area_inside_mm2=moved.inner,
+    )
+    if farthest.distance == 0.0:
+        account.notes.append(f"repair {params.repair}: no place of the surface moved")
+        return
+    account.notes.append(
         f"repair {params.repair}: what was read lies at most {moved.lost.distance:.3g} mm from the result, the result "
         f"at most {moved.gained.distance:.3g} mm from what was read (tolerance {allowed:.3g} mm); volume {volume:.6g} "
         f"to {new_volume:.6g} mm^3, area {area:.6g} to {new_area:.6g} mm^2"
@@ -181,7 +193,7 @@ def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurf
         raise StageError(
             f"{name}: repair {params.repair} moves the surface by {farthest.distance:.3g} mm ({what} at {at[0]:.4g}, "
             f"{at[1]:.4g}, {at[2]:.4g} mm), more than the tolerance of {allowed:.3g} mm; look whether that is right, "
-            f"then set `tolerance: {_rounded_up(farthest.distance):g}`, or {_BY_HAND} [{'; '.join(notes)}]"
+            f"then set `tolerance: {_rounded_up(farthest.distance):g}`, or {_BY_HAND} [{'; '.join(account.notes)}]"
         )
 
 
@@ -203,10 +215,10 @@ def _require_some(faces: Ints, params: LoadSurfaceParams, notes: list[str]) -> N
         raise StageError(f"{params.path.name}: no triangle is left of it ({'; '.join(notes)}); {_BY_HAND}")
 
 
-def _wound(vertices: Floats, faces: Ints, notes: list[str]) -> tuple[Ints, Ints]:
+def _wound(vertices: Floats, faces: Ints, account: Account) -> tuple[Ints, Ints]:
     """Make neighbours agree; return the faces and the piece of each, pieces by falling volume."""
     winding = triangles.consistent_winding(faces)
-    _note(notes, int(winding.turn.sum()), "turned {} triangles that were wound against their neighbours")
+    account.count(TURNED, int(winding.turn.sum()))
     faces = triangles.turn_faces(faces, winding.turn)
     pieces = triangles.face_pieces(faces)
     volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
@@ -216,15 +228,16 @@ def _wound(vertices: Floats, faces: Ints, notes: list[str]) -> tuple[Ints, Ints]
 
 
 def _chosen(
-    vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, notes: list[str]
+    vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, account: Account
 ) -> tuple[Ints, Ints]:
     """Keep the largest piece, unless all are asked for."""
     volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
     if params.component == "all" or len(volumes) == 1:
-        _note(notes, len(volumes) if len(volumes) > 1 else 0, "kept all of {} pieces")
+        account.count(_ALL, len(volumes) if len(volumes) > 1 else 0)
         return faces, pieces
     kept = pieces == 0
-    notes.append(
+    account.measures["pieces_dropped"] = len(volumes) - 1
+    account.notes.append(
         f"kept the largest of {len(volumes)} pieces ({volumes[0]:.6g} mm^3) and dropped {len(volumes) - 1} "
         f"({int((~kept).sum())} triangles, the greatest {volumes[1]:.6g} mm^3)"
     )
@@ -256,7 +269,7 @@ def _require_closed(faces: Ints, params: LoadSurfaceParams, notes: list[str]) ->
         raise StageError(f"{params.path.name}: does not bound a solid: {found}; {remedy} [{'; '.join(notes)}]")
 
 
-def _outward(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, notes: list[str]) -> Ints:
+def _outward(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, account: Account) -> Ints:
     """Turn bodies outward and cavities inward.
 
     A piece that the file winds against the piece it lies in is a cavity of it (or a body in a cavity).
@@ -270,9 +283,9 @@ def _outward(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfacePar
             "so they are neither its cavities nor apart from it; set `component: largest`, `repair: rebuild` to make "
             "them part of it, or turn them inward"
         )
-    _note(notes, int((depth % 2 == 1).sum()), "{} pieces are cavities")
+    account.count(_CAVITIES, int((depth % 2 == 1).sum()))
     turned = (volumes > 0) == (depth % 2 == 1)
-    _note(notes, int(turned.sum()), "turned {} pieces that faced the wrong way")
+    account.count(_WRONG_WAY, int(turned.sum()))
     return triangles.turn_faces(faces, turned[pieces])
 
 

@@ -73,7 +73,7 @@ class MeasureParams(Params):
         return room
 
 
-@stage(writes="metrics", version=5, libraries=("libigl", "pymeshlab", "scipy"))
+@stage(writes="metrics", version=6, libraries=("libigl", "scipy"))
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -96,6 +96,7 @@ def measure(
     file = SurfaceMesh(vertices, faces)
     mesh = mesh if field.certificate else None  # a field without one is not made of a mesh
     values: dict[str, Fact] = {
+        **outer.facts,
         "porosity": 1.0 - file.volume / outer.volume,
         "porosity_requested": porous.porosity_requested,
         "iso": porous.iso,

@@ -94,10 +94,7 @@ def tetrahedralise(outer: OuterShape, *, params: TetrahedraliseParams) -> Volume
         size = _next_size(tried, diagonal, may_coarsen=params.envelope is None)
     got = ", ".join(attempt.got for attempt in tried)
     asked = f"cells {params.cells}" if params.cells else f"edge_length {wanted:.3g} mm"
-    raise StageError(
-        f"{asked}: {ATTEMPTS} attempts gave {got}, none within 15 %; the surface's details (envelope "
-        f"{size.envelope:.3g} mm) limit the size: raise envelope, or ask for another size"
-    )
+    raise StageError(f"{asked}: {ATTEMPTS} attempts gave {got}, none within 15 %; {_reason(outer, wanted, size)}")
 
 
 @dataclass(frozen=True)
@@ -106,6 +103,19 @@ class _Size:
 
     target: float
     envelope: float
+
+
+def _reason(outer: OuterShape, wanted: float, size: _Size) -> str:
+    """Say why no size was met, and what to do: twice the volume over the area is the thickness of a plate."""
+    thickness = 2.0 * outer.volume / outer.area
+    if thickness < wanted:
+        return (
+            f"the shape is about {thickness:.3g} mm thick, less than an edge of {wanted:.3g} mm: ask for smaller cells"
+        )
+    return (
+        f"the surface's details (envelope {size.envelope:.3g} mm) limit the size: raise envelope, or ask for another "
+        "size"
+    )
 
 
 def _first_size(wanted: float, envelope: float | None, diagonal: float) -> _Size:
@@ -198,6 +208,6 @@ def _mesh(outer: OuterShape, size: _Size, seconds: float) -> tuple[Floats, Ints]
         {"vertices": (outer.vertices - centre) @ turn, "faces": outer.faces},
         asdict(size),
         seconds=seconds,
-        about=f"{about}; raise edge_length or envelope",
+        about=f"{about}; where it died or took too long, raise edge_length or envelope",
     )
     return answer["vertices"] @ turn.T + centre, answer["cells"]

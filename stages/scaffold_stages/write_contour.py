@@ -45,11 +45,7 @@ class WriteContourParams(Params):
         return name
 
 
-@stage(
-    writes="contour_files",
-    version=1,
-    libraries=("libigl", "manifold3d", "pymeshlab", "pyvista", "scikit-image", "scipy", "vtk"),
-)
+@stage(writes="contour_files", version=1, libraries=("libigl", "manifold3d", "pyvista", "scikit-image", "scipy", "vtk"))
 def write_contour(contour: Contour, *, params: WriteContourParams, out: Path) -> WrittenFiles:
     """Write the contour as SVG, in mm and in its own place, and as PNG, the solid dark on white.
 

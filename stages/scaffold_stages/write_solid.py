@@ -15,17 +15,15 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
-from scaffold_pipeline.contract import EachOnce, Millimetres, Params, Unit, stage
+from scaffold_pipeline.contract import EachOnce, Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.store import hash_file
 from scaffold_stages._kernels.picture import draw_in_child, draw_surface
 from scaffold_stages._kernels.stl import to_single
 from scaffold_stages._solid_files.checks import Examiner, promise_of
 from scaffold_stages._solid_files.formats import FORMATS
-from scaffold_stages._solid_files.mesh_files import WRITERS, require_read_back
 from scaffold_stages._solid_files.model import Mesh, Model, mesh_of_corners
 from scaffold_stages._solid_files.pore_space import PoreSpace, pore_space
-from scaffold_stages._solid_files.tetrahedra import mesh_of
 
 COARSE_STEP = 1e-3
 """Where neighbouring float32 numbers lie at least so far apart, mm, from 8.2 m on, the user is told."""
@@ -51,18 +49,6 @@ class WriteSolidParams(Params):
     void: bool = False
     """Whether the pore space is written too, `void.stl` and so on in the same formats, for casting or flow."""
 
-    mesh: bool = False
-    """Whether the solid is filled with tetrahedra for finite elements: `solid_mesh.vtu` and `solid_mesh.inp`, mm.
-
-    By fTetWild, which cannot repeat itself: files of two runs differ, but what was written is stored with its hash, and
-    kept by later runs of the same config. It takes minutes, and longer the more struts there are."""
-
-    mesh_edge: Millimetres | None = Field(default=None, gt=0.0)
-    """Edge length of the tetrahedra; by default twice the solid's volume over its area, half a strut's thickness."""
-
-    mesh_time_limit: Annotated[float, Unit("s")] = Field(default=3600.0, gt=0.0)
-    """Time after which the tetrahedral mesh is given up."""
-
     @field_validator("name")
     @classmethod
     def _printable(cls, name: str) -> str:
@@ -73,20 +59,8 @@ class WriteSolidParams(Params):
 
 @stage(
     writes="written",
-    version=3,
-    libraries=(
-        "lib3mf",
-        "libigl",
-        "llvmlite",
-        "manifold3d",
-        "numba",
-        "pymeshlab",
-        "pytetwild",
-        "pyvista",
-        "scipy",
-        "trimesh",
-        "vtk",
-    ),
+    version=4,
+    libraries=("lib3mf", "libigl", "llvmlite", "manifold3d", "numba", "pyvista", "scipy", "trimesh", "vtk"),
 )
 def write_solid(
     solid: Solid,
@@ -98,12 +72,11 @@ def write_solid(
 ) -> WrittenFiles:
     """Write the solid as STL, 3MF, OBJ, PLY or GLB, each file read back by two programs and checked, and draw it.
 
-    Where asked for, also the pore space within `outer` in the same formats, and a tetrahedral mesh of the solid as VTU
-    and INP. Position and axes are kept, and coordinates are mm in float32, the same in all files, but float64 in the
-    mesh's. The 3MF file names `config_hash`, the hash of the configuration that the solid comes from; OBJ, PLY and GLB
-    do so in a comment. Raises `StageError` where a file is not closed, manifold, outward, free of self-intersections
-    and to the bit the solid, or has another volume, other pieces or closed pores; no file is then kept. A picture that
-    cannot be drawn is a `PipelineWarning`.
+    Where asked for, also the pore space within `outer` in the same formats. Position and axes are kept, and coordinates
+    are mm in float32, the same in all files. The 3MF file names `config_hash`, the hash of the configuration that the
+    solid comes from; OBJ, PLY and GLB do so in a comment. Raises `StageError` where a file is not closed, manifold,
+    outward, free of self-intersections and to the bit the solid, or has another volume, other pieces or closed pores;
+    no file is then kept. A picture that cannot be drawn is a `PipelineWarning`.
     """
     if params.void and outer is None:
         raise StageError(
@@ -118,8 +91,6 @@ def write_solid(
         facts |= _write_surface("solid", solid, model, params.formats, folder)
         if params.void and outer:
             facts |= _write_void(pore_space(outer, solid), model, params.formats, folder)
-        if params.mesh:
-            facts |= _write_mesh(solid, params, folder)
         for path in sorted(folder.iterdir()):
             path.replace(out / path.name)
     arrays = {"vertices": mesh.vertices, "faces": mesh.faces.astype(np.int32)}
@@ -150,21 +121,6 @@ def _write_void(space: PoreSpace, model: Model, formats: tuple[Format, ...], fol
         "void_inset_mm": space.inset,
         **{f"void_{name}": fact for name, fact in facts.items()},
     }
-
-
-def _write_mesh(solid: Solid, params: WriteSolidParams, folder: Path) -> dict[str, Fact]:
-    """Write the tetrahedral mesh of the solid; return what the files hold."""
-    mesh = mesh_of(solid, params.mesh_edge, params.mesh_time_limit)
-    facts = dict(mesh.facts)
-    for kind, write in WRITERS.items():
-        path = folder / f"solid_mesh.{kind}"
-        try:
-            write(path, mesh)
-            require_read_back(path, mesh)
-        except StageError as error:
-            raise StageError(f"{path.name}: {error}; no file was kept") from error
-        facts |= {f"mesh_{kind}_bytes": path.stat().st_size, f"mesh_{kind}_sha256": hash_file(path)}
-    return facts
 
 
 def _rounded(solid: Solid) -> Mesh:

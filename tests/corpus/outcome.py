@@ -7,6 +7,7 @@ outside, or clear lines with the right exit code. Never: a traceback, a crash, a
 from __future__ import annotations
 
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -21,7 +22,10 @@ from end_to_end.solid_judge import faults_of
 
 POROSITY = 0.6
 MOST_SECONDS = 600.0
-CELLS, VOXELS = 400, 72  # a coarse scaffold: cells of a surface, voxels along the longest side
+CELLS, MOST_CELLS = 200, 5000  # of a surface, which has more where it is thinner than an edge
+CELL_VOLUME = 0.109  # of such a cell, in cubes of its mean edge
+FINENESS = 16.0  # voxels to a mean edge
+MOST_VOXELS = 8e6  # of the bounding box: a volume mesh of tens of thousands of cells has coarser ones
 SMALLEST = 2.0  # mm: what is smaller is taken to be in metres
 CLEAR = {1: "refused", 2: "refused", 3: "gate failed"}
 
@@ -44,17 +48,26 @@ def outcome_of(file: Path, folder: Path, repair: str = "safe") -> Outcome:
     config = folder / "config.yaml"
     started = time.perf_counter()
     for units in ("mm", "m"):
-        loading, meshing = _stages_before_the_field(file, units, repair)
+        loading = _loading(file, units, repair)
         ended = _run(config, loading, folder / "out")
         if ended.code != 0:
             break
-        record = json.loads((folder / "out" / "run.json").read_text(encoding="utf-8"))
-        size = max(record["stages"][-1]["summary"][f"size_{axis}"] for axis in "xyz")
-        if size < SMALLEST:
+        if max(_sizes(folder / "out")) < SMALLEST:
             continue  # the judge merges vertices that lie 1e-8 mm apart
-        ended = _run(config, [*loading, *meshing, *_stages_from_the_field(size / VOXELS)], folder / "out")
+        ended = _run(config, [*loading, *_stages_after(folder / "out", file)], folder / "out")
         break
     return _judged(ended, folder / "out", time.perf_counter() - started)
+
+
+def _sizes(out: Path) -> list[float]:
+    """Return the sides of the outer shape, mm."""
+    return [_fact(out, f"size_{axis}") for axis in "xyz"]
+
+
+def _fact(out: Path, name: str) -> float:
+    """Return the first fact of that name in a run's record."""
+    record = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    return next(stage["summary"][name] for stage in record["stages"] if name in stage["summary"])
 
 
 class _Ended(NamedTuple):
@@ -85,13 +98,24 @@ def _judged(ended: _Ended, out: Path, seconds: float) -> Outcome:
     return Outcome(CLEAR.get(ended.code, f"exit code {ended.code}"), is_clear, seconds, said)
 
 
-def _stages_before_the_field(file: Path, units: str, repair: str) -> tuple[list[Stage], list[Stage]]:
-    """Return the stages that read a file, and those that make a mesh of it."""
+def _loading(file: Path, units: str, repair: str) -> list[Stage]:
     given: Stage = {"path": str(file.resolve()), "units": units}
     if file.parent.name == VOLUMES:
-        return [{"use": "load_volume_mesh", **given}, {"use": "extract_outer"}], []
-    mesh: Stage = {"use": "tetrahedralise", "cells": CELLS, "time_limit": 300}
-    return [{"use": "load_surface", **given, "repair": repair}], [mesh]
+        return [{"use": "load_volume_mesh", **given}, {"use": "extract_outer"}]
+    return [{"use": "load_surface", **given, "repair": repair}]
+
+
+def _stages_after(out: Path, file: Path) -> list[Stage]:
+    """Return the rest of the chain, its cells and voxels of a size that suits the shape."""
+    finest = (math.prod(_sizes(out)) / MOST_VOXELS) ** (1.0 / 3.0)
+    if file.parent.name == VOLUMES:
+        return _stages_from_the_field(max(_fact(out, "edge_length_mean") / FINENESS, finest))
+    volume = _fact(out, "volume_mm3")
+    thickness = 2.0 * volume / _fact(out, "area_mm2")
+    cells = round(min(max(CELLS, volume / (CELL_VOLUME * thickness**3)), MOST_CELLS))
+    edge = (volume / (CELL_VOLUME * cells)) ** (1.0 / 3.0)
+    mesh: Stage = {"use": "tetrahedralise", "cells": cells, "time_limit": 300}
+    return [mesh, *_stages_from_the_field(max(edge / FINENESS, finest))]
 
 
 def _stages_from_the_field(voxel_size: float) -> list[Stage]:

@@ -75,6 +75,22 @@ def test_a_skin_closes_the_surface_and_the_porosity_is_met_with_it(minimal, tmp_
     assert metrics["closed_pores"] == metrics["solid_pieces"] == 1
 
 
+def test_a_mesh_of_the_solid_that_fails_does_not_cost_the_solid(minimal, tmp_path, capsys):
+    out, config = tmp_path / "out", tmp_path / "meshed.yaml"
+    shutil.copytree(minimal, out)
+    original = (CONFIGS / "minimal.yaml").read_text()
+    config.write_text(original + "  - use: mesh_solid\n    time_limit: 0.01\n")
+    assert main(["run", str(config), "--out", str(out), "--quiet"]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("mesh_solid: gave no result within 0 s; ")
+    assert "without mesh_solid in the config, the same command writes its files" in line
+    config.write_text(original.replace("name: minimal", "name: unmeshed"))
+    assert main(["run", str(config), "--out", str(out)]) == 0
+    lines = [line for line in capsys.readouterr().err.splitlines() if ": warning: " not in line]
+    assert all("unchanged" in line for line in lines), lines
+    assert (out / "solid.stl").read_bytes() == (minimal / "solid.stl").read_bytes()
+
+
 @pytest.mark.parametrize("path", sorted(CONFIGS.rglob("*.yaml")), ids=lambda path: path.stem)
 def test_every_config_has_a_plan(path, tmp_path):
     arguments = ["validate", str(path)]

@@ -117,11 +117,3 @@ def test_the_euler_characteristic_counts_used_vertices_only():
 
 def test_areas_are_those_of_the_faces():
     np.testing.assert_allclose(triangles.face_areas(CORNERS, TETRAHEDRON), [0.5, 0.5, np.sqrt(3) / 2, 0.5])
-
-
-def test_triangles_that_pass_through_others_are_found():
-    apart = np.vstack([CORNERS, CORNERS + 5.0])
-    through = np.vstack([CORNERS, CORNERS + np.array([0.1, 0.1, -0.2])])
-    faces = np.vstack([TETRAHEDRON, TETRAHEDRON + 4])
-    assert len(triangles.self_intersections(apart, faces)["faces"]) == 0
-    assert len(triangles.self_intersections(through, faces)["faces"]) > 0

@@ -84,7 +84,8 @@ def test_volume_and_area_are_those_of_the_tetrahedron_wherever_it_lies():
 
 
 def test_an_outer_shape_and_a_solid_must_enclose_a_volume():
-    assert OuterShape(CORNERS, OUTWARD, notes=("made",)).summary()["notes"] == "made"
+    shape = OuterShape(CORNERS, OUTWARD, notes=("made",), facts={"holes": 3}).summary()
+    assert (shape["notes"], shape["holes"]) == ("made", 3)
     for kind in (OuterShape, Solid):
         with pytest.raises(StageError, match=f"{kind.__name__}: must enclose a positive volume"):
             kind(CORNERS, OUTWARD[:, ::-1])

@@ -16,6 +16,7 @@ from scaffold_pipeline.cli import main
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_stages._kernels import triangles
+from scaffold_stages._surfaces.crossings import crossing_faces
 from scaffold_stages._volumes import touching
 from scaffold_stages.extract_outer import ExtractOuterParams, extract_outer
 from scaffold_stages.jitter import JitterParams, jitter
@@ -54,7 +55,7 @@ def require_sound(outer: OuterShape):
     body = manifold3d.Manifold(manifold3d.Mesh64(np.array(outer.vertices), np.array(outer.faces, np.uint64)))
     assert body.status() == manifold3d.Error.NoError
     assert body.volume() == pytest.approx(outer.volume)
-    assert not len(triangles.self_intersections(outer.vertices, outer.faces)["faces"])
+    assert not len(crossing_faces(outer.vertices, outer.faces)["faces"])
 
 
 def test_it_keeps_the_contract_of_a_stage():
@@ -133,6 +134,9 @@ def test_a_boundary_that_touches_itself_is_parted(name: str):
     require_sound(outer)
     assert outer.volume == pytest.approx(mesh.volume, rel=0.03)
     assert any(said in note and re.search(r"by at most 0.0[12] mm", note) for note in outer.notes)
+    assert 0.0 < outer.facts["boundary_parting_mm"] < 0.025
+    assert outer.facts["boundary_vertices_parted"] + outer.facts["boundary_edges_parted"] > 0
+    assert outer.facts["boundary_volume_difference"] == pytest.approx(outer.volume / mesh.volume - 1.0)
 
 
 def test_a_boundary_that_touches_itself_is_refused_where_that_is_asked_for():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from scaffold_pipeline.artifacts import IsoSurface, OuterShape, Solid
 from scaffold_pipeline.contract import stage_from_function
@@ -12,14 +13,16 @@ from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels import triangles
 from scaffold_stages._kernels.contours import iso_surface
 from scaffold_stages.intersect_outer import IntersectOuterParams, intersect_outer
-from shapes import ball, box, gyroid, inverted, outer_of, require_closed, together
+from scaffold_stages.make_shape import MakeShapeParams, make_shape
+from shapes import ball, box, gyroid, inverted, outer_of, require_closed, samples_over, together
 
+VOXEL = 0.4
 BOX = outer_of(box((0.0, 0.0, 0.0), (8.0, 6.0, 7.0)))
 BALL = outer_of(ball(5.0, (20.0, -3.0, 40.0)))
 
 
 def gyroid_surface(outer: OuterShape, iso: float = 0.1):
-    field = gyroid(outer, 0.4, 5.0)
+    field = gyroid(outer, VOXEL, 5.0)
     return IsoSurface(*iso_surface(field.values, iso, field.origin, field.spacing), iso=iso)
 
 
@@ -70,6 +73,52 @@ def test_the_edges_of_a_box_stay_sharp():
     assert (on_faces.sum(axis=1) == 1).sum() > 100  # on a face of the box
     assert (on_faces.sum(axis=1) == 2).sum() > 10  # on an edge
     assert on_faces.all(axis=1).any()  # at a corner
+
+
+def turned(surface: tuple[np.ndarray, np.ndarray]):
+    """Turn a surface off the axes, so that no edge lies along the voxels."""
+    return surface[0] @ Rotation.from_rotvec((0.3, 0.5, 0.7)).as_matrix(), surface[1]
+
+
+def on_the_grid(outer: OuterShape) -> OuterShape:
+    """Return the shape as voxels show it: what a cut of the field, rather than of its surface, would go by."""
+    origin, places = samples_over(*map(tuple, outer.bounds), VOXEL)
+    is_inside = igl.fast_winding_number(outer.vertices, outer.faces, places.reshape(-1, 3)) > 0.5
+    return OuterShape(*iso_surface(is_inside.reshape(places.shape[:3]).astype(np.float32), 0.5, origin, VOXEL))
+
+
+def distance_from_the_edges(solid: Solid, porous: IsoSurface, outer: OuterShape) -> float:
+    """Return how far the solid lies from the outer shape's sharp edges, where these run through its material."""
+    a, b, c = np.moveaxis(outer.vertices[outer.faces], 1, 0)
+    normals = np.cross(b - a, c - a)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    ends = np.sort(np.stack([outer.faces, np.roll(outer.faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    edges, numbers = np.unique(ends, axis=0, return_inverse=True)
+    first, second = (np.argsort(numbers.ravel(), kind="stable") // 3).reshape(-1, 2).T
+    start, end = np.moveaxis(outer.vertices[edges[np.einsum("ij,ij->i", normals[first], normals[second]) < 0.8]], 1, 0)
+    places = np.concatenate([(1.0 - share) * start + share * end for share in np.linspace(0.0, 1.0, 40)])
+    places = places[igl.fast_winding_number(porous.vertices, porous.faces, places) > 0.5]
+    assert len(places) > 100
+    squared, _, _ = igl.point_mesh_squared_distance(places, solid.vertices, solid.faces)
+    return float(np.sqrt(squared.max()))
+
+
+SHARP = {
+    "box": outer_of(turned(box((0.0, 0.0, 0.0), (8.0, 6.0, 7.0)))),
+    "cylinder": make_shape(params=MakeShapeParams(shape="cylinder", height=8.0, width=8.0)),
+}
+
+
+@pytest.mark.parametrize("name", SHARP)
+def test_sharp_edges_are_kept_to_a_thousandth_of_a_voxel(name: str):
+    outer = SHARP[name]
+    porous = gyroid_surface(outer)
+    solid = clipped(porous, outer)
+    assert solid.facts["pieces_removed"] == 0
+    assert distance_from_the_edges(solid, porous, outer) <= 1e-3 * VOXEL
+    assert solid.facts["clip_distance_mm"] <= 1e-3 * VOXEL
+    blunt = clipped(porous, on_the_grid(outer))
+    assert distance_from_the_edges(blunt, porous, outer) > 0.1 * VOXEL
 
 
 @pytest.mark.parametrize("skin", [0.0, 0.6])

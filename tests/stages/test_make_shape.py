@@ -11,6 +11,7 @@ from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
 from scaffold_stages import make_shape as module
 from scaffold_stages._kernels import triangles
+from scaffold_stages._surfaces.crossings import crossing_faces
 from scaffold_stages.make_shape import MakeShapeParams, make_shape
 
 SHAPES = [
@@ -48,7 +49,7 @@ def test_every_shape_is_a_sound_body(given: dict[str, float]):
     assert not any(triangles.edge_faults(outer.faces))
     assert triangles.euler_characteristic(outer.faces) == 2
     assert triangles.touching_vertices(outer.faces) == 0
-    assert len(triangles.self_intersections(outer.vertices, outer.faces)["faces"]) == 0
+    assert len(crossing_faces(outer.vertices, outer.faces)["faces"]) == 0
     assert smallest_angle(outer) > 15.0
     assert mean_edge(outer) == pytest.approx(given["facet"], rel=0.2)
     assert outer.bounds[0, 2] == pytest.approx(0.0, abs=0.1)

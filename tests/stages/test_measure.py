@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -82,6 +83,12 @@ def test_a_known_solid_is_measured_exactly_and_passes():
 def test_the_cells_are_those_of_the_mesh():
     mesh = tetrahedra((1, 2, 3))
     assert measure(solid_of(pierced()), OUTER, porous(), field(), mesh, params=MeasureParams()).values["cells"] == 36
+
+
+def test_what_was_done_to_the_outer_shape_is_told():
+    repaired = replace(OUTER, facts={"repair_distance_mm": 0.25})
+    metrics = measure(solid_of(pierced()), repaired, porous(), field(), params=MeasureParams())
+    assert metrics.values["repair_distance_mm"] == 0.25
 
 
 def test_without_a_certificate_its_gate_is_not_applied_and_says_so():

@@ -15,6 +15,7 @@ from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels import triangles
 from scaffold_stages._surfaces import comparison, holes, spanning
+from scaffold_stages._surfaces.account import TURNED, Account
 from scaffold_stages._surfaces.crossings import crossing_faces
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 from shapes import ball, box, inverted, require_closed, together, volume_of
@@ -288,6 +289,35 @@ def test_numbers_of_a_repair_are_noted(tmp_path: Path):
         assert part in said
 
 
+def test_numbers_of_a_repair_are_facts(tmp_path: Path):
+    facts = loaded(tmp_path, (BALL[0], np.vstack([BALL[1][1:], BALL[1][5:8]]))).facts
+    assert facts["repair_mode"] == "safe"
+    assert (facts["repair_holes_filled"], facts["repair_duplicate_triangles_dropped"]) == (1, 3)
+    assert 0.0 < facts["repair_distance_mm"] < facts["repair_tolerance_mm"]
+    assert facts["repair_volume_after_mm3"] == pytest.approx(volume_of(BALL), rel=1e-3)
+    areas = triangles.face_areas(*BALL)
+    doubled = areas[5:8].sum()
+    assert facts["repair_area_before_mm2"] == pytest.approx(areas[1:].sum() + doubled)
+    assert facts["repair_area_after_mm2"] == pytest.approx(areas.sum(), rel=1e-3)
+
+
+def test_what_is_done_in_two_steps_is_counted_together():
+    one, other = Account(), Account()
+    one.count(TURNED, 3)
+    other.count(TURNED, 4)
+    one.add(other)
+    assert one.facts == {"triangles_turned": 7}
+    assert [note.split()[1] for note in one.notes] == ["3", "4"]
+
+
+@pytest.mark.parametrize("repair", ["none", "safe", "rebuild"])
+def test_what_was_not_moved_has_facts_that_say_so(repair: str, tmp_path: Path):
+    facts = loaded(tmp_path, BALL, repair=repair).facts
+    assert facts["repair_mode"] == repair
+    assert facts.get("repair_distance_mm") == (None if repair == "none" else 0.0)
+    assert facts.get("repair_volume_before_mm3") == pytest.approx(facts.get("repair_volume_after_mm3"))
+
+
 @pytest.mark.parametrize("repair", ["none", "safe"])
 def test_a_sound_surface_stays_as_it_is(repair: str, tmp_path: Path):
     outer = loaded(tmp_path, BALL, repair=repair)
@@ -303,7 +333,7 @@ def test_a_repair_gives_the_same_bytes_each_time(surface: tuple[np.ndarray, np.n
     one, other = (loaded(tmp_path, surface, repair=repair, tolerance=5.0) for _ in range(2))
     assert one.vertices.tobytes() == other.vertices.tobytes()
     assert one.faces.tobytes() == other.faces.tobytes()
-    assert one.notes == other.notes
+    assert one.summary() == other.summary()
 
 
 def test_holes_too_long_to_fill_are_refused_or_closed_by_the_winding_number(

@@ -117,7 +117,9 @@ def test_what_the_mesher_would_not_survive_is_refused_before_it_starts(
 
 @pytest.mark.usefixtures("deadly")
 def test_a_mesher_that_dies_is_one_line():
-    with pytest.raises(StageError, match=r"ended by SIGABRT.*; outer shape of 12 triangles.*; raise") as failure:
+    with pytest.raises(
+        StageError, match=r"ended by SIGABRT.*; outer shape of 12 triangles.*; where it died .*, raise"
+    ) as failure:
         meshed(edge_length=2.5)
     assert "\n" not in str(failure.value)
 
@@ -165,6 +167,16 @@ def test_a_number_of_cells_a_third_off_is_not_met(monkeypatch: pytest.MonkeyPatc
         meshed(cells=280)
     assert len(asked) == module.ATTEMPTS
     assert "\n" not in str(failure.value)
+
+
+def test_a_shape_thinner_than_the_edge_is_named_as_the_reason(monkeypatch: pytest.MonkeyPatch):
+    plate = outer_of(box((0.0, 0.0, 0.0), (30.0, 30.0, 1.0)))
+    mesh, _ = give_cubes(plate, [4])
+    monkeypatch.setattr(module, "_mesh", mesh)
+    with pytest.raises(
+        StageError, match=r"within 15 %; the shape is about 0\.938 mm thick, less than an edge of 7\.45"
+    ):
+        meshed(plate, cells=20)
 
 
 def test_cells_that_leave_a_part_of_the_shape_empty_are_refused(monkeypatch: pytest.MonkeyPatch):

@@ -6,12 +6,10 @@ where they share an edge; a vertex alone joins nothing.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-
-from scaffold_pipeline.errors import StageError
 
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
@@ -178,24 +176,6 @@ def winding_number(point: Floats, vertices: Floats, faces: Ints) -> float:
     below = la * lb * lc + products[0] * lc + products[1] * la + products[2] * lb
     above = np.einsum("ij,ij->i", a, np.cross(b, c))
     return float(np.arctan2(above, below).sum() / (2.0 * np.pi))
-
-
-def self_intersections(vertices: Floats, faces: Ints) -> dict[str, NDArray[Any]]:
-    """Return the `faces` (k,) that pass through another; for a child process, as it may never come back.
-
-    Faces that lie upon each other without crossing are not among them.
-    """
-    import pymeshlab
-
-    if "compute_selection_by_self_intersections_per_face" not in pymeshlab.filter_list():
-        raise StageError(
-            "pymeshlab came without its self-intersection filter; install the system libraries "
-            "libGL and libOpenGL (Debian: libgl1 libopengl0)"
-        )
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(vertices - vertices.mean(axis=0), faces.astype(np.int32)))
-    meshes.compute_selection_by_self_intersections_per_face()
-    return {"faces": np.flatnonzero(meshes.current_mesh().face_selection_array())}
 
 
 def _tails(faces: Ints) -> Ints:

@@ -30,16 +30,29 @@ ROUNDS, ENERGY = 40, 10.0
 """Rounds of improvement, and the energy of the worst cell at which they end before: at 30 the ball took half the time,
 but its flattest cell had a dihedral angle of 2 to 3 degrees instead of 11."""
 
+MANY, FEW_ROUNDS = 40_000, 4
+"""Triangles above which so few rounds must do: the worst of so many cells never gets as good, and all rounds are run.
+
+On a femoral head of 56,000 triangles 40 rounds did not end within 20 minutes, as each refines around the few bad cells.
+4 rounds took 133 s of one core: 74,063 cells, 0.17 % less volume, 213 cells flatter than 5 degrees, the worst 0.7.
+"""
+
+FLAT = 5.0
+"""Dihedral angle, degrees, below which a cell is told of: finite elements lose digits on it."""
 
 _EQUILATERAL = 0.433
 """Area of an equilateral triangle in squares of its edge."""
 
 
 class Quality(NamedTuple):
-    """The least scaled Jacobian and dihedral angle (degrees) of the cells; 1 and 70.5 are those of a regular one."""
+    """The least scaled Jacobian and dihedral angle (degrees) of the cells; 1 and 70.5 are those of a regular one.
+
+    `flat_cells` have a dihedral angle below `FLAT`.
+    """
 
     scaled_jacobian: float
     dihedral_angle: float
+    flat_cells: int
 
 
 def default_edge(solid: Solid) -> float:
@@ -61,13 +74,13 @@ def mesh_of(solid: Solid, edge: float | None, seconds: float) -> VolumeMesh:
         {"vertices": solid.vertices - centre, "faces": solid.faces},
         {"triangles": solid.area / (_EQUILATERAL * (ENOUGH * target) ** 2), "target": target, "envelope": envelope},
         seconds=seconds,
-        about=f"mesh of the solid, {len(solid.faces)} triangles, mesh_edge {target:.3g} mm; raise mesh_time_limit or "
-        "mesh_edge, or set mesh off",
+        about=f"mesh of the solid, {len(solid.faces)} triangles, edge_length {target:.3g} mm; raise edge_length or "
+        "time_limit",
     )
     mesh = VolumeMesh(answer["vertices"] + centre, answer["cells"])
     require_solid(mesh, solid)
     _warn_of_other_topology(mesh, solid)
-    facts: dict[str, Fact] = {"mesh_edge": target, "mesh_envelope": envelope, **_measured(mesh, solid)}
+    facts: dict[str, Fact] = {"target_edge": target, "envelope": envelope, **_measured(mesh, solid)}
     return VolumeMesh(mesh.vertices, mesh.tetrahedra, facts=facts)
 
 
@@ -75,17 +88,22 @@ def _measured(mesh: VolumeMesh, solid: Solid) -> dict[str, Fact]:
     from igl import point_mesh_squared_distance
 
     worst = quality(mesh)
+    if worst.flat_cells:
+        warnings.warn(
+            f"mesh of the solid: {worst.flat_cells} of {len(mesh.tetrahedra)} cells have a dihedral angle below "
+            f"{FLAT:g} degrees, the least {worst.dihedral_angle:.2g}; a larger edge_length gives rounder cells",
+            PipelineWarning,
+            stacklevel=4,
+        )
     skin = mesh.vertices[np.unique(_faces(mesh.tetrahedra).outer)]
     squared, _, _ = point_mesh_squared_distance(skin, solid.vertices, solid.faces)
     return {
-        "mesh_cells": len(mesh.tetrahedra),
-        "mesh_nodes": len(mesh.vertices),
-        "mesh_volume_mm3": mesh.volume,
-        "mesh_volume_difference": mesh.volume / solid.volume - 1.0,
-        "mesh_distance_mm": float(np.sqrt(squared.max())),
-        "mesh_least_scaled_jacobian": worst.scaled_jacobian,
-        "mesh_least_dihedral_angle": worst.dihedral_angle,
-        "mesh_euler_difference": _euler_difference(mesh, solid),
+        "volume_difference": mesh.volume / solid.volume - 1.0,
+        "distance_mm": float(np.sqrt(squared.max())),
+        "least_scaled_jacobian": worst.scaled_jacobian,
+        "least_dihedral_angle": worst.dihedral_angle,
+        "flat_cells": worst.flat_cells,
+        "euler_difference": _euler_difference(mesh, solid),
     }
 
 
@@ -101,7 +119,7 @@ def fill(vertices: Floats, faces: Ints, triangles: float, target: float, envelop
             1.0 - triangles / len(faces), volume_preservation=True
         )
         vertices, faces = np.asarray(thinned.points, np.float64), thinned.regular_faces
-    return run_ftetwild(vertices, faces, target, envelope, ROUNDS, ENERGY)
+    return run_ftetwild(vertices, faces, target, envelope, ROUNDS if len(faces) <= MANY else FEW_ROUNDS, ENERGY)
 
 
 def require_solid(mesh: VolumeMesh, solid: Solid) -> None:
@@ -115,12 +133,12 @@ def require_solid(mesh: VolumeMesh, solid: Solid) -> None:
     if (found := _pieces(mesh.tetrahedra)) != pieces:
         raise StageError(
             f"mesh of the solid: must be in as many pieces as it, {pieces}, but its cells are in {found}; lower "
-            "mesh_edge, which thin struts are lost at"
+            "edge_length, which thin struts are lost at"
         )
     if not abs(mesh.volume - solid.volume) <= VOLUME_TOLERANCE * solid.volume:
         raise StageError(
             f"mesh of the solid: must keep its volume to {VOLUME_TOLERANCE:g}, but the cells fill {mesh.volume:.6g} "
-            f"of {solid.volume:.6g} mm^3; lower mesh_edge"
+            f"of {solid.volume:.6g} mm^3; lower edge_length"
         )
 
 
@@ -129,7 +147,7 @@ def _warn_of_other_topology(mesh: VolumeMesh, solid: Solid) -> None:
         what = "narrow gaps are bridged" if difference < 0 else "thin struts are broken, or small holes filled"
         warnings.warn(
             f"mesh of the solid: its Euler characteristic is {difference:+d} off that of the solid: {what}; lower "
-            "mesh_edge for a closer mesh",
+            "edge_length for a closer mesh",
             PipelineWarning,
             stacklevel=4,
         )
@@ -187,7 +205,8 @@ def quality(mesh: VolumeMesh) -> Quality:
     ]
     volumes = cell_volumes(mesh.vertices, mesh.tetrahedra, "tetrahedron")
     jacobians = 6.0 * np.sqrt(2.0) * volumes / np.max(products, axis=0)
-    return Quality(float(jacobians.min()), float(np.degrees(_dihedral_angles(corners).min())))
+    least = np.degrees(_dihedral_angles(corners).min(axis=1))
+    return Quality(float(jacobians.min()), float(least.min()), int((least < FLAT).sum()))
 
 
 def _dihedral_angles(corners: Floats) -> Floats:

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -15,8 +14,6 @@ Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 Mask: TypeAlias = NDArray[np.bool_]
 Surface: TypeAlias = tuple[Floats, Ints]
-Done: TypeAlias = Counter[str]
-"""How often what was done: the keys are sentences with a `{}` for the number."""
 
 MANIFOLD = 2
 """Faces at an edge of a closed manifold."""

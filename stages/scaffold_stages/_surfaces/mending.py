@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 
 from scaffold_stages._kernels import triangles
+from scaffold_stages._surfaces.account import DOUBLE, MERGED, TWICE, Deed, Done
 from scaffold_stages._surfaces.edges import (
     MANIFOLD,
-    Done,
     Floats,
     Ints,
     Mask,
@@ -29,21 +29,18 @@ _ROUNDS = 20
 _MOST_OPEN = 200_000
 """Open vertices up to which it is looked for such as lie on an edge: more are shreds, to be rebuilt."""
 
-_MERGED = "merged {} coincident vertices"
-_WELDED = "welded {} vertices along cracks that the file's rounding explains"
-_STITCHED = "cut {} triangles at vertices that lay on their open edge"
-_TWICE = "dropped {} triangles that use a vertex twice"
-_COLLAPSED = "collapsed {} triangles without area"
-_DOUBLE = "dropped {} duplicate triangles"
-_FOLDED = "dropped {} triangles of walls that the file has both ways round"
+_WELDED = Deed("vertices_welded", "welded {} vertices along cracks that the file's rounding explains")
+_STITCHED = Deed("triangles_cut", "cut {} triangles at vertices that lay on their open edge")
+_COLLAPSED = Deed("triangles_without_area_collapsed", "collapsed {} triangles without area")
+_FOLDED = Deed("folded_triangles_dropped", "dropped {} triangles of walls that the file has both ways round")
 
 
 def merged(vertices: Floats, faces: Ints, done: Done) -> Surface:
     """Return the surface with one vertex for each place, without what then is no triangle or is not used."""
     count = len(vertices)
     vertices, faces = triangles.merge_coincident(vertices, faces)
-    done[_MERGED] += count - len(vertices)
-    faces = _without(faces, triangles.collapsed_faces(faces), _TWICE, done)
+    done[MERGED] += count - len(vertices)
+    faces = _without(faces, triangles.collapsed_faces(faces), TWICE, done)
     return triangles.drop_unreferenced(vertices, faces)
 
 
@@ -66,8 +63,8 @@ def mended(vertices: Floats, faces: Ints, done: Done) -> Surface:
     return triangles.drop_unreferenced(vertices, faces)
 
 
-def _without(faces: Ints, bad: Mask, said: str, done: Done) -> Ints:
-    done[said] += int(bad.sum())
+def _without(faces: Ints, bad: Mask, deed: Deed, done: Done) -> Ints:
+    done[deed] += int(bad.sum())
     return faces[~bad]
 
 
@@ -88,7 +85,7 @@ def _without_doubles(faces: Ints, done: Done) -> Ints:
     is_both_ways = ((net == 0) & (copies > 1))[group[np.sort(first)]]
     is_wall = is_both_ways & ~_closes_something(one_each, is_both_ways)
     done[_FOLDED] += 2 * int(is_wall.sum())
-    done[_DOUBLE] += len(faces) - len(one_each) - int(is_wall.sum())
+    done[DOUBLE] += len(faces) - len(one_each) - int(is_wall.sum())
     return np.asarray(one_each[~is_wall])
 
 
@@ -134,15 +131,15 @@ def _welded(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:
     return _joined(faces, rim[pairs[:, 0]], rim[pairs[:, 1]], len(vertices), _WELDED, done)
 
 
-def _joined(faces: Ints, one: Ints, other: Ints, count: int, said: str, done: Done) -> Ints:
+def _joined(faces: Ints, one: Ints, other: Ints, count: int, deed: Deed, done: Done) -> Ints:
     """Let faces use, of vertices that are paired, the first; faces that then use one twice go."""
     label = components(one, other, count)
     first = np.full(count, count)
     np.minimum.at(first, label, np.arange(count))
     place = first[label]
-    done[said] += int((place[np.unique(faces)] != np.unique(faces)).sum())
+    done[deed] += int((place[np.unique(faces)] != np.unique(faces)).sum())
     moved = place[faces]
-    return _without(moved, triangles.collapsed_faces(moved), _TWICE, done)
+    return _without(moved, triangles.collapsed_faces(moved), TWICE, done)
 
 
 def _without_flats(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from scaffold_pipeline.errors import StageError
 from scaffold_stages._kernels import triangles
-from scaffold_stages._surfaces.edges import Done, Floats, Ints, Surface
+from scaffold_stages._surfaces.account import Deed, Done
+from scaffold_stages._surfaces.edges import Floats, Ints, Surface
 from scaffold_stages._volumes.touching import parted
 
-_EDGES = "parted {} edges where the surface touched itself"
-_VERTICES = "parted {} vertices where the surface touched itself"
+_EDGES = Deed("edges_parted", "parted {} edges where the surface touched itself")
+_VERTICES = Deed("vertices_parted", "parted {} vertices where the surface touched itself")
 
 
 def parted_or_same(vertices: Floats, faces: Ints, done: Done | None = None) -> Surface:

@@ -11,7 +11,8 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.isolation import Arrays, call_in_child
 from scaffold_stages._kernels import triangles
 from scaffold_stages._surfaces import arrangement, holes, mending, sheets, voxels
-from scaffold_stages._surfaces.edges import Done, Floats, Ints, Surface, edges_of
+from scaffold_stages._surfaces.account import TURNED, Account, Deed, Done
+from scaffold_stages._surfaces.edges import Floats, Ints, Surface, edges_of
 from scaffold_stages._surfaces.parting import parted_or_same
 
 _TORN = 0.3
@@ -27,21 +28,27 @@ _INSIDE = 0.5
 """Winding number halfway between outside and inside."""
 
 
+_PIECES = Deed("pieces_turned", "turned {} pieces that faced inward")
+_TOO_LONG = Deed("holes_left", f"left {{}} holes of more than {holes.LONGEST} edges open")
+
+
 class Repaired(NamedTuple):
-    """A repaired surface and what was done, in words with numbers."""
+    """A repaired surface and what was done."""
 
     vertices: Floats
     faces: Ints
-    notes: tuple[str, ...]
+    account: Account
 
 
 def safe(vertices: Floats, faces: Ints) -> Repaired:
     """Mend a surface of one vertex a place without moving what is sound in it; what cannot be mended stays as it is."""
-    done: Done = Counter()
+    done, account = Counter[Deed](), Account()
     vertices, faces = _prepared(vertices, faces, done)
-    vertices, faces, notes = _filled(vertices, faces)
+    vertices, faces, filling = _filled(vertices, faces)
     vertices, faces = parted_or_same(vertices, faces, done)
-    return Repaired(vertices, faces, (*in_words(done), *notes))
+    account.count_all(done)
+    account.add(filling)
+    return Repaired(vertices, faces, account)
 
 
 def rebuilt(vertices: Floats, faces: Ints, tolerance: float, name: str) -> Repaired:
@@ -51,22 +58,26 @@ def rebuilt(vertices: Floats, faces: Ints, tolerance: float, name: str) -> Repai
     where it was. Of what cannot be filled or cut, the winding number is sampled on a grid; raises `StageError` where
     that finds no inside either.
     """
-    done: Done = Counter()
+    done, account = Counter[Deed](), Account()
     vertices, faces = _prepared(vertices, faces, done)
+    account.count_all(done)
     if not len(faces):
-        return Repaired(vertices, faces, in_words(done))
+        return Repaired(vertices, faces, account)
     seconds = 300.0 + len(faces) / 500.0
     try:
-        *whole, how = _closed(vertices, faces)
+        *whole, closing = _closed(vertices, faces)
         answer = call_in_child(
             arrangement.arranged, dict(zip(_NAMES, whole, strict=True)), {}, seconds=seconds, about=_CUT
         )
-        how = (*how, "rebuilt by cutting it where it crosses itself and keeping the boundary of what it winds about")
+        account.add(closing)
+        how = "rebuilt by cutting it where it crosses itself and keeping the boundary of what it winds about"
     except StageError as error:
         answer, spacing = _sampled(vertices, faces, tolerance, seconds, name)
         reason = str(error).removesuffix(f"; {_CUT}")
-        how = (f"rebuilt from its winding number on a grid of {spacing:.3g} mm, as {reason}",)
-    return Repaired(answer["vertices"], answer["faces"], (*in_words(done), *how))
+        how = f"rebuilt from its winding number on a grid of {spacing:.3g} mm, as {reason}"
+        account.measures["grid_mm"] = spacing
+    account.notes.append(how)
+    return Repaired(answer["vertices"], answer["faces"], account)
 
 
 _NAMES = ("vertices", "faces")
@@ -78,38 +89,33 @@ def _prepared(vertices: Floats, faces: Ints, done: Done) -> Surface:
     vertices, faces = mending.mended(vertices, faces, done)
     vertices, faces = sheets.without_sheets(vertices, faces, done)
     turn = triangles.consistent_winding(faces).turn
-    done["turned {} triangles that were wound against their neighbours"] += int(turn.sum())
+    done[TURNED] += int(turn.sum())
     return np.ascontiguousarray(vertices), np.ascontiguousarray(triangles.turn_faces(faces, turn))
 
 
-def in_words(done: Done) -> tuple[str, ...]:
-    """Return what was done, with its numbers."""
-    return tuple(said.format(count) for said, count in done.items() if count)
-
-
-def _filled(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, tuple[str, ...]]:
-    """Return the surface with its holes filled, but for long ones, and notes; a heap of triangles as it is."""
+def _filled(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Account]:
+    """Return the surface with its holes filled, but for long ones; a heap of triangles as it is."""
+    account = Account()
     share = float((edges_of(faces).uses == 1).mean()) if len(faces) else 0.0
     if share > _TORN:
-        return vertices, faces, (f"filled no holes, as {share:.0%} of its edges are open",)
+        account.notes.append(f"filled no holes, as {share:.0%} of its edges are open")
+        return vertices, faces, account
     found = holes.filled(vertices, faces)
     count = int(found.patches.max(initial=-1)) + 1
-    notes = (f"filled {count} holes with {len(found.patches)} triangles",) if count else ()
-    if found.too_long:
-        notes = (*notes, f"left {found.too_long} holes of more than {holes.LONGEST} edges open")
-    return found.vertices, found.faces, notes
+    account.count(Deed("holes_filled", f"filled {{}} holes with {len(found.patches)} triangles"), count)
+    account.count(_TOO_LONG, found.too_long)
+    return found.vertices, found.faces, account
 
 
-def _closed(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, tuple[str, ...]]:
+def _closed(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Account]:
     """Return the surface filled and each piece of it outward; raises `StageError` where it cannot be closed."""
-    vertices, faces, notes = _filled(vertices, faces)
+    vertices, faces, account = _filled(vertices, faces)
     left = int((edges_of(faces).net != 0).sum())
     if left:
         raise StageError(f"{left} of its edges stay open")
     faces, turned = _outward(vertices, faces)
-    if turned:
-        notes = (*notes, f"turned {turned} pieces that faced inward")
-    return vertices, faces, notes
+    account.count(_PIECES, turned)
+    return vertices, faces, account
 
 
 def _outward(vertices: Floats, faces: Ints) -> tuple[Ints, int]:

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from scaffold_stages._kernels import triangles
-from scaffold_stages._surfaces.edges import MANIFOLD, Done, Edges, Floats, Ints, Mask, Surface, edges_of, patches_of
+from scaffold_stages._surfaces.account import Deed, Done
+from scaffold_stages._surfaces.edges import MANIFOLD, Edges, Floats, Ints, Mask, Surface, edges_of, patches_of
 
 _INSIDE = 0.5
 """Winding number halfway between outside and inside."""
@@ -15,8 +16,8 @@ _INSIDE = 0.5
 _LOOKED_AT = 50
 """Faces of a patch at which the winding number about it is taken."""
 
-_FIN = "dropped {} triangles of fins that hung on the surface by an edge"
-_WALL = "dropped {} triangles of walls inside of it"
+_FIN = Deed("fin_triangles_dropped", "dropped {} triangles of fins that hung on the surface by an edge")
+_WALL = Deed("wall_triangles_dropped", "dropped {} triangles of walls inside of it")
 
 
 class _Patch(NamedTuple):

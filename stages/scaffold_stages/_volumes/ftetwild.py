@@ -37,7 +37,9 @@ def run_ftetwild(
         vtk_ordering=True,
     )
     if not len(cells):
-        raise StageError("fTetWild returned no cell: the shape is flat, or thinner than the envelope")
+        raise StageError(
+            "fTetWild returned no cell: the shape is flat, or thinner than the envelope; ask for smaller cells"
+        )
     cells = np.asarray(cells, np.int64)
     cells = cells[np.abs(cell_volumes(points, cells, "tetrahedron")) > 0.0]
     used, compact = np.unique(cells, return_inverse=True)
