@@ -24,7 +24,7 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationInfo
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
 
 from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.errors import StageDefinitionError
@@ -62,6 +62,16 @@ def _require_each_once(names: tuple[str, ...]) -> tuple[str, ...]:
 
 EachOnce = AfterValidator(_require_each_once)
 """For a list of formats: `Annotated[tuple[Format, ...], EachOnce]` refuses one that is named twice."""
+
+
+def _require_printable(title: str) -> str:
+    if not title.isprintable():
+        raise ValueError(f"must have printable characters only, got {title!r}")
+    return title
+
+
+Title = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_require_printable)]
+"""What a file is called within: one line of text."""
 
 
 def _resolve_input_file(path: Path, info: ValidationInfo) -> Path:

@@ -9,10 +9,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from scaffold_pipeline.artifacts import Fact, Floats, WrittenFiles
-from scaffold_pipeline.contract import EachOnce, Params, Unit, stage
+from scaffold_pipeline.contract import EachOnce, Params, Title, Unit, stage
 from scaffold_pipeline.polygons import Contour
 from scaffold_pipeline.store import hash_file
 
@@ -31,18 +31,11 @@ class WriteContourParams(Params):
     formats: Annotated[tuple[Format, ...], EachOnce] = Field(default=("svg", "png"), min_length=1)
     """The files to write, `contour.svg` and `contour.png`, each once."""
 
-    name: str = Field(default="scaffold", min_length=1, max_length=200)
+    name: Title = "scaffold"
     """Title in the SVG file."""
 
     pixels: Annotated[int, Unit("pixels")] = Field(default=1200, ge=16, le=8000)
     """Longest side of the PNG."""
-
-    @field_validator("name")
-    @classmethod
-    def _printable(cls, name: str) -> str:
-        if not name.isprintable():
-            raise ValueError(f"must have printable characters only, got {name!r}")
-        return name
 
 
 @stage(writes="contour_files", version=1, libraries=("libigl", "manifold3d", "pyvista", "scikit-image", "scipy", "vtk"))

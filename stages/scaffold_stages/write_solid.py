@@ -12,10 +12,10 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
-from scaffold_pipeline.contract import EachOnce, Params, stage
+from scaffold_pipeline.contract import EachOnce, Params, Title, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.store import hash_file
 from scaffold_stages._kernels.picture import draw_in_child, draw_surface
@@ -37,7 +37,7 @@ class WriteSolidParams(Params):
     formats: Annotated[tuple[Format, ...], EachOnce] = Field(default=("stl", "3mf"), min_length=1)
     """The files to write, each once: `solid.stl`, `.3mf`, `.obj`, `.ply`, `.glb`; mm, but a GLB's scene in m, y up."""
 
-    name: str = Field(default="scaffold", min_length=1, max_length=200)
+    name: Title = "scaffold"
     """Title in the 3MF and GLB files."""
 
     colour: str = Field(default="#E3DAC9", pattern="^#[0-9A-Fa-f]{6}$")
@@ -48,13 +48,6 @@ class WriteSolidParams(Params):
 
     void: bool = False
     """Whether the pore space is written too, `void.stl` and so on in the same formats, for casting or flow."""
-
-    @field_validator("name")
-    @classmethod
-    def _printable(cls, name: str) -> str:
-        if not name.isprintable():
-            raise ValueError(f"must have printable characters only, got {name!r}")
-        return name
 
 
 @stage(
