@@ -76,14 +76,17 @@ def write_page(out: Path, study: Study, states: Sequence[PointState], points: st
     """
     captions = {point.name: point.caption for point in study.points}
     cards = [Card(state, captions[state.name]) for state in states]
-    shown, cells = [], []
+    shown, cells, has_pictures = [], [], False
     for card in cards:
         pictures = _pictures(card.state, out / points / card.state.name)
         shown.append(_card(card, pictures, f"{points}/{quote(card.state.name)}"))
+        has_pictures |= bool(pictures)
         if len(cells) < MOST_ON_SHEET:
             cells.append(_cell(card, pictures))
     has_sheet = _write_sheet(out / SHEET, study.name, cells, len(cards))
-    page = _page(study, cards, _contact_sheet(shown, has_sheet=has_sheet))
+    intro = _SHEET_LINK if has_sheet else "" if has_pictures else _NO_PICTURES
+    is_told = has_pictures or any(captions.values())
+    page = _page(study, cards, intro + (f'<div class="cards">\n{"".join(shown)}\n</div>' if is_told else ""))
     write_atomically(out / PAGE, lambda stream: stream.write(page.encode()))
 
 
@@ -151,16 +154,6 @@ def _varied(study: Study, cards: Sequence[Card]) -> list[tuple[str, str]]:
     return [(column, escape(", ".join(value or "left out" for value in values))) for column, values in found.items()]
 
 
-def _contact_sheet(cards: Sequence[str], *, has_sheet: bool) -> str:
-    if not has_sheet:
-        return (
-            '<p class="none">No picture was drawn: the stages <code>draw_mesh</code>, <code>write_solid</code> and '
-            "<code>write_contour</code> draw them.</p>"
-        )
-    link = f'<p class="meaning">As one picture: <a href="{SHEET}">{SHEET}</a></p>'
-    return f'{link}\n<div class="cards">\n' + "\n".join(cards) + "\n</div>"
-
-
 def _card(card: Card, pictures: Mapping[str, Image | None], folder: str) -> str:
     from scaffold_pipeline.report.contact_sheet import to_jpeg
 
@@ -199,6 +192,11 @@ def _data(titles: Sequence[str], varied: int, rows: Sequence[Sequence[object]]) 
     return f'<script type="application/json" id="data">{harmless}</script>'
 
 
+_SHEET_LINK = f'<p class="meaning">As one picture: <a href="{SHEET}">{SHEET}</a></p>\n'
+_NO_PICTURES = (
+    '<p class="none">No picture was drawn: the stages <code>draw_mesh</code>, <code>write_solid</code> and '
+    "<code>write_contour</code> draw them.</p>\n"
+)
 _FILTER = (
     '<p id="filter" hidden><label>Points with the words <input type="search"></label> '
     '<output class="meaning" aria-live="polite"></output></p>\n'
@@ -209,7 +207,7 @@ _PLOT = """<section id="plot" hidden>
 <label>lines by <select id="by"></select></label></p>
 <figure><svg role="img"></svg><figcaption></figcaption></figure>
 </section>
-<noscript><p class="none">Sorting, filtering and the plot need JavaScript; all values are in the table.</p></noscript>"""
+<noscript><p class="none">Sorting, filtering and plotting need JavaScript; all is in the table.</p></noscript>"""
 
 _STYLE = """
 main { max-width: 90rem; }

@@ -190,5 +190,7 @@ def _provenance(record: Mapping[str, Any]) -> str:
         **{str(key).capitalize(): value for key, value in (record.get("platform") or {}).items()},
     }
     rows = [(text_of(key), f"<code>{text_of(value)}</code>") for key, value in facts.items()]
-    versions = [(text_of(key), f"<code>{text_of(value)}</code>") for key, value in (record.get("versions") or {}).items()]
+    versions = [
+        (text_of(key), f"<code>{text_of(value)}</code>") for key, value in (record.get("versions") or {}).items()
+    ]
     return table((), rows, "facts") + folded("Versions of libraries", table((), versions, "facts"))
