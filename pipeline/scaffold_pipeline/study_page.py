@@ -76,7 +76,9 @@ def write_page(out: Path, study: Study, states: Sequence[PointState], points: st
     """
     captions = {point.name: point.caption for point in study.points}
     cards = [Card(state, captions[state.name]) for state in states]
-    shown, cells, has_pictures = [], [], False
+    shown: list[str] = []
+    cells: list[Cell] = []
+    has_pictures = False
     for card in cards:
         pictures = _pictures(card.state, out / points / card.state.name)
         shown.append(_card(card, pictures, f"{points}/{quote(card.state.name)}"))

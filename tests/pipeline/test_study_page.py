@@ -7,7 +7,6 @@ from dataclasses import replace
 from html import unescape
 from pathlib import Path
 from shutil import which
-from typing import Any
 
 import pytest
 from PIL import Image
@@ -25,13 +24,13 @@ COLUMNS = ("field.interpolation", "mesh.counts")
 WIDE, HIGH = (640, 320), (200, 400)
 
 
-def study(states: list[PointState], **changes: Any) -> Study:
+def study(states: list[PointState]) -> Study:
     points = tuple(Point(state.name, state.varied, Document("", {}, {}), ()) for state in states)
-    return replace(Study("beyond", COLUMNS, points, "Where does it end?"), **changes)
+    return Study("beyond", COLUMNS, points, "Where does it end?")
 
 
 def state(kind: str, count: int, porosity: float | None, files: tuple[str, ...] = ("mesh.png",)) -> PointState:
-    record = {"files": dict.fromkeys(files, {})}
+    record = {"files": {name: {} for name in files}}
     metrics = {"porosity": porosity, "iso": 0.0, "is_manifold": True, "quality": "pass"}
     return PointState(f"{kind}-{count}", dict(zip(COLUMNS, (kind, count), strict=True)), "done", None, record, metrics)
 
@@ -154,11 +153,10 @@ def test_nothing_that_others_wrote_becomes_markup(tmp_path: Path):
     states = [PointState(hostile, varied, "done", None, {"files": {}}, metrics)]
     states += [PointState("picture", {}, "done", None, {"files": {"mesh.png": {}, "<b>.png": {}}}, metrics)]
     states += [PointState("failed", {}, "failed", hostile)]
-    asked = study(states, name=hostile, columns=(hostile,), caption=hostile)
-    asked = replace(asked, points=tuple(replace(point, caption=hostile) for point in asked.points))
+    points = tuple(replace(point, caption=hostile) for point in study(states).points)
     (tmp_path / "points/picture").mkdir(parents=True)
     Image.new("RGB", WIDE).save(tmp_path / "points/picture/mesh.png")
-    write_page(tmp_path, asked, states, "points")
+    write_page(tmp_path, Study(hostile, (hostile,), points, hostile), states, "points")
     tags = Tags(text_of(tmp_path)).found
     assert [tag for tag, _ in tags].count("script") == 2
     assert [tag for tag, _ in tags].count("img") == 1
@@ -236,15 +234,17 @@ def test_the_table_sorts_by_number_with_empty_cells_last_and_filters_by_words(ou
     script = """
         const button = (title) => [...document.querySelectorAll("th button")].find((b) => b.textContent === title);
         button("mesh.counts").click();
-        const told = [[...document.querySelectorAll(".points tbody tr")].map((row) => row.cells[2].textContent)];
+        const column = (index) => [...document.querySelectorAll(".points tbody tr:not([hidden])")].map(
+            (row) => row.cells[index].textContent);
+        const told = [column(2)];
         button("porosity").click();
         button("porosity").click();
-        told.push([...document.querySelectorAll(".points tbody tr")].map((row) => row.cells[3].textContent));
+        told.push(column(3));
         told.push(button("porosity").parentNode.getAttribute("aria-sort"));
         const words = document.querySelector("#filter input");
         words.value = "EXACT 0.75";
         words.dispatchEvent(new Event("input"));
-        told.push([...document.querySelectorAll(".points tbody tr:not([hidden])")].map((row) => row.cells[0].textContent));
+        told.push(column(0));
         told.push(document.querySelectorAll("#plot circle").length, document.querySelector("#filter output").value);
         document.title = JSON.stringify(told);
     """
