@@ -243,6 +243,8 @@ circle { fill: var(--own); }
 .g0 { --own: #c0392b; } .g1 { --own: #2f6f9f; } .g2 { --own: #24824a; }
 .g3 { --own: #a8741a; } .g4 { --own: #8e5aa8; } .g5 { --own: #4a8f95; }
 .g1 polyline { stroke-dasharray: 9 5; }
+@media screen and (prefers-color-scheme: dark) { .g0 { --own: #f0776a; } .g1 { --own: #7db4de; }
+  .g2 { --own: #6fce9a; } .g3 { --own: #e3b866; } .g4 { --own: #c79add; } .g5 { --own: #86c5ca; } }
 @media print { #filter, #plot select { display: none; } .cards { grid-template-columns: 1fr 1fr; gap: .75rem; }
   .points { font-size: 6pt; } .points th, .points td { min-width: 0; padding-right: .25rem; } }
 """
