@@ -6,7 +6,7 @@ import json
 import re
 from base64 import b64encode
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 PAGE = "study.html"
 SHEET = "sheet.png"
+
+_MOST_VALUES = 12
+"""Values of what varied that are listed; of more the number is told."""
 
 MOST_ON_SHEET = 120
 """Points on `sheet.png`: with more it is larger than what programs open."""
@@ -58,11 +61,11 @@ class Card:
 
     @property
     def told(self) -> str:
-        """What was measured and what became of the point, in words."""
+        """What was measured and what became of the point, in words; the table has the whole of each gate."""
         facts = {key: self.state.metrics.get(key) for key in ("porosity", "iso")}
         ends = {
             "pass": "quality pass",
-            "fail": f"quality gate failed: {'; '.join(self.state.gates)}",
+            "fail": f"quality gates failed: {', '.join(gate.partition(':')[0] for gate in self.state.gates)}",
             "error": f"failed: {self.state.error}",
         }
         measured = [f"{key} {to_text(value)}" for key, value in facts.items() if value is not None]
@@ -147,13 +150,11 @@ def _headline(study: Study, cards: Sequence[Card]) -> str:
     )
 
 
-def _varied(study: Study, cards: Sequence[Card]) -> list[tuple[str, str]]:
-    """Return what varied, each with its values, escaped."""
-    found = {
-        column: list(dict.fromkeys(to_cell(card.state.varied.get(column)) for card in cards))
-        for column in study.columns
-    }
-    return [(column, escape(", ".join(value or "left out" for value in values))) for column, values in found.items()]
+def _varied(study: Study, cards: Sequence[Card]) -> Iterator[tuple[str, str]]:
+    """Yield what varied, each with its values, escaped."""
+    for column in study.columns:
+        values = dict.fromkeys(to_cell(card.state.varied.get(column)) or "left out" for card in cards)
+        yield column, escape(", ".join(values)) if len(values) <= _MOST_VALUES else f"{len(values)} values"
 
 
 def _card(card: Card, pictures: Mapping[str, Image | None], folder: str) -> str:

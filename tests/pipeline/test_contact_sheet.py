@@ -54,6 +54,13 @@ def test_pictures_of_a_point_stand_side_by_side_in_their_order():
     assert blue[:, 1].min() - red[:, 1].min() > 300
 
 
+def test_where_a_point_has_more_pictures_than_most_they_are_smaller():
+    sheet = draw_sheet("study", [cell("a", (RED, RED)), cell("b", (RED, RED)), cell("c", (BLUE, BLUE, BLUE))])
+    red, blue = places(sheet, RED), places(sheet, BLUE)
+    assert np.ptp(blue[:, 1]) == pytest.approx(602, abs=15)
+    assert len(blue) / 3 == pytest.approx(len(red) / 4 * (196 / 300) ** 2, rel=0.05)
+
+
 def test_a_sheet_of_many_points_has_rows_and_is_about_as_tall_as_a_page():
     sheet = draw_sheet("study", [cell("point", (RED, BLUE), "word " * 20)] * 22)
     assert 1.0 < sheet.height / sheet.width < 1.6

@@ -101,7 +101,7 @@ def test_cards_come_in_the_order_of_the_points_with_what_was_measured(out: Path)
         "porosity 0.25, iso 0, quality pass",
         "porosity 0.75, iso 0, quality pass",
         "porosity 0.5, iso 0, quality pass",
-        "porosity 0.5, quality gate failed: one_piece: 3 pieces; lower it",
+        "porosity 0.5, quality gates failed: one_piece",
         "failed: field: too large",
         "not run",
     ]

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from math import ceil, sqrt
 from pathlib import Path
+from statistics import mode
 from typing import TYPE_CHECKING, TypeAlias
 
 from PIL import Image, ImageDraw, ImageFont, ImageOps
@@ -27,7 +28,7 @@ _MOST_WIDTH = 3 * _PICTURE
 """Pixels that a cell is widened to where its name is long."""
 _TALL = 1.25
 """Makes a sheet of many cells about as tall as a page of paper is for its width."""
-_MOST_LINES = 6
+_MOST_LINES = 9
 _PAPER, _INK, _FAINT = (255, 255, 255), (35, 39, 46), (102, 112, 128)
 
 
@@ -70,8 +71,11 @@ def to_jpeg(picture: Image.Image) -> bytes:
 
 
 def draw_sheet(title: str, cells: Sequence[Cell]) -> Image.Image:
-    """Return a picture of all cells in rows, each with its pictures side by side and its lines under them."""
-    across = max(1, *(len(cell.pictures) for cell in cells))
+    """Return a picture of all cells in rows, each with its pictures side by side and its lines under them.
+
+    A cell has room for as many pictures as most have; where there are more they are smaller.
+    """
+    across = max(1, mode(len(cell.pictures) for cell in cells))
     names = max(_font(_NAME).getlength(cell.name) for cell in cells)
     width = max(across * (_PICTURE + _GAP) - _GAP, min(ceil(names), _MOST_WIDTH))
     columns = max(1, min(len(cells), round(sqrt(_TALL * len(cells) / across))))
@@ -84,17 +88,21 @@ def draw_sheet(title: str, cells: Sequence[Cell]) -> Image.Image:
     y = _MARGIN + 3 * _NAME
     for row, text, height in zip(rows, texts, heights, strict=True):
         for column, (cell, lines) in enumerate(zip(row, text, strict=True)):
-            _draw_cell(sheet, (_MARGIN + column * (width + _MARGIN), y), cell, (_fitted(cell.name, width), *lines))
+            _draw_cell(
+                sheet, (_MARGIN + column * (width + _MARGIN), y, width), cell, (_fitted(cell.name, width), *lines)
+            )
         y += height
     return sheet
 
 
-def _draw_cell(sheet: Image.Image, corner: tuple[int, int], cell: Cell, text: Sequence[str]) -> None:
-    x, y = corner
+def _draw_cell(sheet: Image.Image, place: tuple[int, int, int], cell: Cell, text: Sequence[str]) -> None:
+    """Draw a cell at x, y, so wide."""
+    x, y, width = place
     pen = ImageDraw.Draw(sheet)
+    side = min(_PICTURE, (width + _GAP) // max(1, len(cell.pictures)) - _GAP)
     for number, picture in enumerate(cell.pictures):
-        left = x + number * (_PICTURE + _GAP)
-        sheet.paste(picture, (left, y + (_PICTURE - picture.height) // 2))
+        small = picture if side == _PICTURE else ImageOps.contain(picture, (side, side))
+        sheet.paste(small, (x + number * (side + _GAP), y + (_PICTURE - small.height) // 2))
     if not cell.pictures:
         pen.text((x, y + _PICTURE // 2), "no picture", _FAINT, _font(_TEXT))
     name, *lines = text
