@@ -17,7 +17,7 @@ from scaffold_pipeline.report.markup import document, section, table, text_of
 from scaffold_pipeline.report.wording import failed_gates, to_text
 from scaffold_pipeline.store import write_atomically
 from scaffold_pipeline.study_file import Study
-from scaffold_pipeline.study_table import PointState, to_cell, to_table
+from scaffold_pipeline.study_table import TABLE, PointState, to_cell, to_table
 
 if TYPE_CHECKING:
     from PIL.Image import Image
@@ -26,6 +26,12 @@ if TYPE_CHECKING:
 
 PAGE = "study.html"
 SHEET = "sheet.png"
+
+_MOST_ON_PAPER = 14
+"""Columns of a table that a printed page has room for."""
+
+_LONG = 60
+"""Characters from which on a cell of the table is made wide."""
 
 _MOST_VALUES = 12
 """Values of what varied that are listed; of more the number is told."""
@@ -128,7 +134,7 @@ def _page(study: Study, cards: Sequence[Card], contact_sheet: str) -> str:
     sections = (
         _headline(study, cards),
         section("Contact sheet", contact_sheet),
-        section("Table", _FILTER + _table(titles, rows)),
+        section("Table", _table(titles, rows)),
         _PLOT,
         _data(titles, len(study.columns), rows),
     )
@@ -177,14 +183,18 @@ def _card(card: Card, pictures: Mapping[str, Image | None], folder: str) -> str:
 
 
 def _table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    cells = [[escape(_shown(value)) for value in row] for row in rows]
+    cells = [[_shown(value) for value in row] for row in rows]
     heads = [re.sub(r"(?<=[._])", "<wbr>", escape(title)) for title in titles]
-    return table(heads, cells, "points")
+    kind = "points" if len(titles) <= _MOST_ON_PAPER else "points too-wide"
+    return _TABLE_INTRO + table(heads, cells, kind)
 
 
 def _shown(value: object) -> str:
-    """Return a value as people read it; nothing where there is none, as in `table.csv`."""
-    return to_text(value) if isinstance(value, bool | int | float) else to_cell(value)
+    """Return a value as people read it, escaped; nothing where there is none, as in `table.csv`."""
+    if isinstance(value, bool | int | float):
+        return escape(to_text(value))
+    text = to_cell(value)
+    return escape(text) if len(text) <= _LONG else f'<div class="long">{escape(text)}</div>'
 
 
 def _data(titles: Sequence[str], varied: int, rows: Sequence[Sequence[object]]) -> str:
@@ -200,7 +210,8 @@ _NO_PICTURES = (
     '<p class="none">No picture was drawn: the stages <code>draw_mesh</code>, <code>write_solid</code> and '
     "<code>write_contour</code> draw them.</p>\n"
 )
-_FILTER = (
+_TABLE_INTRO = (
+    f'<p class="meaning">For other programs: <a href="{TABLE}">{TABLE}</a></p>\n'
     '<p id="filter" hidden><label>Points with the words <input type="search"></label> '
     '<output class="meaning" aria-live="polite"></output></p>\n'
 )
@@ -227,8 +238,9 @@ header ul { padding-left: 1.2rem; }
 .card p { margin: .25rem 0 0; }
 a { color: var(--accent); }
 .points { font-size: .85rem; }
-.points th, .points td { padding-right: 1rem; max-width: 24rem; overflow-wrap: break-word; }
+.points th, .points td { padding-right: 1rem; overflow-wrap: break-word; }
 .points td:first-child { min-width: 12rem; }
+.points .long { width: 36rem; }
 .points button { padding: 0; border: 0; background: none; color: inherit; font: inherit; text-align: left;
   cursor: pointer; }
 [aria-sort=ascending] button::after { content: " \\25B2"; }
@@ -246,6 +258,6 @@ circle { fill: var(--own); }
 .g1 polyline { stroke-dasharray: 9 5; }
 @media screen and (prefers-color-scheme: dark) { .g0 { --own: #f0776a; } .g1 { --own: #7db4de; }
   .g2 { --own: #6fce9a; } .g3 { --own: #e3b866; } .g4 { --own: #c79add; } .g5 { --own: #86c5ca; } }
-@media print { #filter, #plot select { display: none; } .cards { grid-template-columns: 1fr 1fr; gap: .75rem; }
-  .points { font-size: 6pt; } .points th, .points td { min-width: 0; padding-right: .25rem; } }
+@media print { #filter, .too-wide { display: none; } .cards { grid-template-columns: 1fr 1fr; gap: .75rem; }
+  .points { font-size: 6pt; } .points th, .points td { padding-right: .25rem; overflow-wrap: anywhere; } }
 """

@@ -58,6 +58,7 @@ def draw_pictures(out: Path, states: list[PointState]) -> None:
 @pytest.fixture
 def out(tmp_path: Path) -> Path:
     draw_pictures(tmp_path, STATES)
+    (tmp_path / "table.csv").touch()
     write_page(tmp_path, study(STATES), STATES, "points")
     return tmp_path
 
