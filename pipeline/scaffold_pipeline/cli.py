@@ -205,6 +205,8 @@ def compare(
 ) -> int:
     """Set two runs side by side: configs, inputs, metrics, hashes of artifacts and files, versions.
 
+    Times and memory are left out: they differ between any two runs.
+
     Parameters
     ----------
     first, second

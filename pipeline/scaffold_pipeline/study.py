@@ -112,8 +112,8 @@ def run_study(
 ) -> list[PointState]:
     """Run the points that are not done yet, `workers` at once, one a core by default; return the state of all.
 
-    The table and the record are written now and then, and at the end, however it comes. After a point has failed those
-    that run are finished and no other is started, unless `keep_going`.
+    The table and the record are written now and then, and at the end, however it comes; the page when all have ended.
+    After a point has failed those that run are finished and no other is started, unless `keep_going`.
     """
     with locked(out):
         bench = _Bench(study, out, survey(study, out, cache), watcher or Watcher())
@@ -125,8 +125,8 @@ def run_study(
             schedule.run(bench.tasks(), partial(local_workers, count))
         finally:
             bench.write()
-    states = list(bench.states.values())
-    write_page(out, study, states, POINTS)
+        states = list(bench.states.values())
+        write_page(out, study, states, POINTS)
     return states
 
 
