@@ -209,8 +209,10 @@ def compare(
 
     Parameters
     ----------
-    first, second
-        Directories of finished runs.
+    first
+        Directory of a finished run.
+    second
+        Directory of the other.
     show_all
         Show what is equal in both too.
     """

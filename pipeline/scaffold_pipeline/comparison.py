@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ from scaffold_pipeline.report.publish import METRICS, RECORD
 from scaffold_pipeline.report.wording import NOTHING
 from scaffold_pipeline.runner import OWN_FILES
 from scaffold_pipeline.study_table import read_json, to_cell
+
+_HASH = re.compile("[0-9a-f]{64}")
 
 _OF_THE_MACHINE = frozenset({"seconds", "peak_memory_bytes"})
 """Metrics that differ from run to run of one config."""
@@ -44,7 +47,7 @@ def compare_runs(first: Path, second: Path, *, show_all: bool = False) -> dict[s
 
 
 def to_lines(compared: Mapping[str, list[Line]]) -> list[str]:
-    """Return a comparison as text: per section the name of each value and the value in both runs."""
+    """Return a comparison as text: per section the name of each value and the value in both runs, hashes cut short."""
     told = []
     for section, lines in compared.items():
         told.append(f"{section}:" if lines else f"{section}: no difference")
@@ -53,7 +56,8 @@ def to_lines(compared: Mapping[str, list[Line]]) -> list[str]:
 
 
 def _said(value: object) -> str:
-    return to_cell(value) or NOTHING
+    text = to_cell(value)
+    return text[:12] if _HASH.fullmatch(text) else text or NOTHING
 
 
 def _lines(a: Mapping[str, object], b: Mapping[str, object]) -> Iterator[Line]:
