@@ -379,14 +379,19 @@ class Solid(SurfaceMesh):
 
 @dataclass(frozen=True, eq=False)
 class Metrics(Artifact):
-    """What was measured on the finished solid, and the quality gates that it failed, one line a gate."""
+    """What was measured on the finished solid, and the quality gates that it failed, one line a gate.
+
+    Without `has_gates` nothing was judged, so that nothing has passed.
+    """
 
     values: Mapping[str, Fact]
     failed_gates: tuple[str, ...] = ()
+    has_gates: bool = True
 
     def summary(self) -> dict[str, Fact]:
         """Return the metrics and the verdict."""
-        return {**self.values, "quality": list(self.failed_gates) or "pass"}
+        passed = "pass" if self.has_gates else "not measured"
+        return {**self.values, "quality": list(self.failed_gates) or passed}
 
 
 @dataclass(frozen=True, eq=False)

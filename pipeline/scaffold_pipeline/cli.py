@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -191,6 +192,35 @@ def inspect(file: Path, *, units: str | None = None, as_json: Json = False) -> i
 
     facts = inspect_file(file, units)
     return answer(facts, "\n".join(f"{key}: {value}" for key, value in facts.items()), as_json=as_json)
+
+
+@app.command
+def compare(
+    first: Annotated[Path, Parameter(name="A")],
+    second: Annotated[Path, Parameter(name="B")],
+    /,
+    *,
+    show_all: Annotated[bool, Parameter(name="--all")] = False,
+    as_json: Json = False,
+) -> int:
+    """Set two runs side by side: configs, inputs, metrics, hashes of artifacts and files, versions.
+
+    Times and memory are left out: they differ between any two runs.
+
+    Parameters
+    ----------
+    first
+        Directory of a finished run.
+    second
+        Directory of the other.
+    show_all
+        Show what is equal in both too.
+    """
+    from scaffold_pipeline.comparison import compare_runs, to_lines
+
+    compared = compare_runs(first, second, show_all=show_all)
+    told = {section: [asdict(line) for line in lines] for section, lines in compared.items()}
+    return answer({"a": str(first), "b": str(second), **told}, "\n".join(to_lines(compared)), as_json=as_json)
 
 
 app.command(study)

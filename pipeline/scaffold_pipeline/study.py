@@ -4,6 +4,7 @@ studies/NAME/                 the study's folder
     points/POINT/             the run directory of each point, with its resolved config
     cache/                    what the points share, unless another cache is named
     table.csv  study.json     the result and the record
+    study.html  sheet.png     both for people, with the pictures
 
 Nothing but these folders says what is done: the same command goes on from what lies there.
 """
@@ -29,6 +30,7 @@ from scaffold_pipeline.runner import STORE, execute, locked, unchanged_labels
 from scaffold_pipeline.schedule import Outcome, Schedule, Task
 from scaffold_pipeline.store import Store, write_atomically
 from scaffold_pipeline.study_file import Point, Study
+from scaffold_pipeline.study_page import write_page
 from scaffold_pipeline.study_table import FAILURE, PointState, read_state, write_json, write_results
 from scaffold_pipeline.workers import interruptible, local_workers
 from scaffold_pipeline.yaml_source import to_yaml
@@ -110,8 +112,8 @@ def run_study(
 ) -> list[PointState]:
     """Run the points that are not done yet, `workers` at once, one a core by default; return the state of all.
 
-    The table and the record are written now and then, and at the end, however it comes. After a point has failed those
-    that run are finished and no other is started, unless `keep_going`.
+    The table and the record are written now and then, and at the end, however it comes; the page when all have ended.
+    After a point has failed those that run are finished and no other is started, unless `keep_going`.
     """
     with locked(out):
         bench = _Bench(study, out, survey(study, out, cache), watcher or Watcher())
@@ -123,7 +125,9 @@ def run_study(
             schedule.run(bench.tasks(), partial(local_workers, count))
         finally:
             bench.write()
-    return list(bench.states.values())
+        states = list(bench.states.values())
+        write_page(out, study, states, POINTS)
+    return states
 
 
 def run_point(points: Path, cache: Path, name: str) -> Outcome:

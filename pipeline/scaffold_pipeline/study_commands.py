@@ -108,7 +108,7 @@ def _tell_end(folder: Path, states: list[PointState], *, quiet: bool, as_json: b
     gated = [state for state in states if state.gates]
     done = sum(state.status == "done" for state in states)
     saved = sum(state.seconds[1] for state in states)
-    text = f"{folder}: {done} of {len(states)} points done, {saved:.0f} s saved by sharing; see {folder / 'table.csv'}"
+    text = f"{folder}: {done} of {len(states)} points done, {saved:.0f} s saved by sharing; see {folder / 'study.html'}"
     points = [{"point": state.name, "status": state.status, "error": state.error} for state in states]
     answer({"out": str(folder), "points": points}, "" if quiet else text, as_json=as_json)
     for state in failed:

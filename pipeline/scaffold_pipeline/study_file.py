@@ -47,12 +47,16 @@ _LONGEST_NAME = 80
 
 @dataclass(frozen=True)
 class Point:
-    """One config of a study: `varied` is what distinguishes it, `settings` take the place of the config's values."""
+    """One config of a study: `varied` is what distinguishes it, `settings` take the place of the config's values.
+
+    `caption` is what the config says of itself, where it is run as it is.
+    """
 
     name: str
     varied: Mapping[str, object]
     config: Document
     settings: tuple[Setting, ...]
+    caption: str = ""
 
     def plan(self) -> Plan:
         """Return the point's plan; raises `ConfigError` with all that is wrong with it."""
@@ -61,11 +65,12 @@ class Point:
 
 @dataclass(frozen=True)
 class Study:
-    """The points of a study, and the columns of its table that say what varies."""
+    """The points of a study, the columns of its table that say what varies, and what its file says of itself."""
 
     name: str
     columns: tuple[str, ...]
     points: tuple[Point, ...]
+    caption: str = ""
 
 
 def is_study(path: Path) -> bool:
@@ -102,7 +107,7 @@ def read_study(path: Path, settings: Sequence[str] = (), *, may_be_large: bool =
     points = [_named(point) for single in singles.points() for point in _repeated(single, repeats)]
     _raise_any(_point_faults(points, document.fault((singles.key,), "")))
     columns = (*singles.columns, *(("repeat", "seed") if repeats > 1 else ()))
-    return Study(str(document.values.get("name", path.stem)), columns, tuple(points))
+    return Study(str(document.values.get("name", path.stem)), columns, tuple(points), document.comment)
 
 
 def _top_level_faults(document: Document) -> Iterator[Fault]:
@@ -172,7 +177,7 @@ def _from_runs(document: Document, given: tuple[Setting, ...]) -> _Singles:
     def points() -> Iterator[Point]:
         for config in configs:
             name = str(config.values.get("name", Path(config.source).stem))
-            yield Point(name, {"run": name}, config, given)
+            yield Point(name, {"run": name}, config, given, config.comment)
 
     return _Singles("runs", len(configs), ("run",), points)
 
@@ -201,7 +206,7 @@ def _repeated(point: Point, repeats: int) -> Iterator[Point]:
         own = [] if number == 1 else [Setting("seed", seed, Fault(0, 0, "", "repeats"))]
         varied = {**point.varied, "repeat": number, "seed": seed}
         name = "_".join(part for part in (point.name, f"repeat-{number}") if part)
-        yield Point(name, varied, point.config, (*point.settings, *own))
+        yield replace(point, name=name, varied=varied, settings=(*point.settings, *own))
 
 
 def derived_seed(root: object, number: int) -> int:

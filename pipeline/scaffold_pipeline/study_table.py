@@ -77,25 +77,33 @@ def write_json(path: Path, value: object) -> None:
 def write_results(out: Path, columns: Sequence[str], states: Iterable[PointState], facts: Mapping[str, Any]) -> None:
     """Write the table and the record, which begins with `facts`, into the study's folder."""
     states = list(states)
-    text = _table(columns, states)
+    text = _csv(columns, states)
     write_atomically(out / TABLE, lambda stream: stream.write(text.encode()))
     write_json(out / STUDY_RECORD, {**facts, "points": [_told(state) for state in states]})
 
 
-def _table(columns: Sequence[str], states: Sequence[PointState]) -> str:
+def to_table(columns: Sequence[str], states: Sequence[PointState]) -> tuple[list[str], list[list[object]]]:
+    """Return the titles of the table and its rows: the point, what varied, all metrics, the verdict and the error."""
     metrics = [key for key in dict.fromkeys(key for state in states for key in state.metrics) if key != "quality"]
+    rows: list[list[object]] = []
+    for state in states:
+        varied = [state.varied.get(column) for column in columns]
+        measured = [state.metrics.get(key) for key in (*metrics, "quality")]
+        rows.append([state.name, *varied, *measured, state.error if state.status != "waiting" else "not run"])
+    return ["point", *columns, *metrics, "quality", "error"], rows
+
+
+def _csv(columns: Sequence[str], states: Sequence[PointState]) -> str:
+    titles, rows = to_table(columns, states)
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(["point", *columns, *metrics, "quality", "error"])
-    for state in states:
-        varied = [_cell(state.varied.get(column)) for column in columns]
-        measured = [_cell(state.metrics.get(key)) for key in (*metrics, "quality")]
-        error = state.error if state.status != "waiting" else "not run"
-        writer.writerow([state.name, *varied, *measured, _cell(error)])
+    writer.writerow(titles)
+    writer.writerows([to_cell(value) for value in row] for row in rows)
     return stream.getvalue()
 
 
-def _cell(value: object) -> str:
+def to_cell(value: object) -> str:
+    """Return a value as it stands in a cell of the table: nothing for None, lists of lines in one, else JSON's form."""
     if value is None:
         return ""
     if isinstance(value, bool):

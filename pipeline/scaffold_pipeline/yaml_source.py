@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from io import StringIO
+from itertools import takewhile
 from typing import Any, TypeAlias
 
 from ruamel.yaml import YAML
@@ -27,12 +28,16 @@ _MOST_VALUES = 100_000
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed file: its values, where each value and key stands (line and column from 1), and repeated keys."""
+    """A parsed file: its values, where each value and key stands (line and column from 1), and repeated keys.
+
+    `comment` is what its first lines say, in one line.
+    """
 
     source: str
     values: Any
     places: dict[Path, tuple[int, int]]
     faults: tuple[Fault, ...] = ()
+    comment: str = ""
 
     def fault(self, path: Path, message: str) -> Fault:
         """Return a fault at `path`, or at the nearest thing around it that stands in the file."""
@@ -65,7 +70,14 @@ def parse(text: str, source: str) -> Document:
     except RecursionError as error:
         message = "an alias refers to what it stands in, or values are nested too deep; spell them out"
         raise ConfigError([Fault(*FIRST_PLACE, message, source)]) from error
-    return Document(source, values, places, tuple(repeated))
+    return Document(source, values, places, tuple(repeated), _leading_comment(text))
+
+
+def _leading_comment(text: str) -> str:
+    """Return the comment that `text` begins with as one line, without the line that tells editors of a schema."""
+    lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
+    said = (line.lstrip("#").strip() for line in lines)
+    return " ".join(line for line in said if line and not line.startswith("yaml-language-server:"))
 
 
 def _not_yaml(problem: object, place: tuple[int, int], source: str) -> ConfigError:

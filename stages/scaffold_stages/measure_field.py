@@ -33,7 +33,7 @@ class MeasureFieldParams(Params):
         return self
 
 
-@stage(writes="metrics", version=1, libraries=("scipy", "vtk"))
+@stage(writes="metrics", version=2, libraries=("scipy", "vtk"))
 def measure_field(field: ScalarField, outer: OuterShape, *, params: MeasureFieldParams) -> Metrics:
     """Count solid and void pieces, open channels and whole struts of a field at an iso-value, on its voxels.
 
@@ -59,7 +59,7 @@ def measure_field(field: ScalarField, outer: OuterShape, *, params: MeasureField
         "voxels": int(field.values.size),
         "voxel_size": field.spacing,
     }
-    return Metrics(values)
+    return Metrics(values, has_gates=False)
 
 
 def _iso_at(samples: NDArray[np.float32], porosity: float | None) -> float:

@@ -255,4 +255,5 @@ def test_summaries_tell_what_was_asked_and_done():
 
 def test_metrics_pass_or_name_the_gates_that_failed():
     assert Metrics({"points": 3}).summary() == {"points": 3, "quality": "pass"}
+    assert Metrics({"points": 3}, has_gates=False).summary() == {"points": 3, "quality": "not measured"}
     assert Metrics({}, ("points: too few", "drawn: no")).summary() == {"quality": ["points: too few", "drawn: no"]}

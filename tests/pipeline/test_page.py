@@ -53,7 +53,7 @@ RECORD: dict[str, Any] = {
 }
 PNG = b"\x89PNG\r\n\x1a\n of a kind"
 HOSTILE = '<script>alert("x")</script><img src=http://example.org/a.png onerror=x>&amp;'
-VOID = {"meta", "img", "br", "rect", "line"}
+VOID = {"meta", "img", "br", "wbr", "input", "rect", "line"}
 
 
 class Tags(HTMLParser):

@@ -47,9 +47,11 @@ def test_a_porosity_is_met_and_grows_with_the_iso():
 
 
 def test_a_field_that_leaves_no_solid_is_a_result():
-    values = measured(np.full(X.shape, -1.0), iso=0.0).values
+    metrics = measured(np.full(X.shape, -1.0), iso=0.0)
+    values = metrics.values
     assert (values["porosity"], values["solid_pieces"], values["solid_largest_fraction"]) == (1.0, 0, None)
     assert values["pore_largest_fraction"] == 1.0
+    assert metrics.summary()["quality"] == "not measured"
 
 
 def test_channels_and_struts_are_counted_at_the_iso_used():

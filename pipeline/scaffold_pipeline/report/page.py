@@ -10,6 +10,7 @@ from html import escape
 from typing import Any
 
 from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.report.markup import document, folded, items, section, table, text_of
 from scaffold_pipeline.report.window import draw_window
 from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_duration, to_size, to_text
 
@@ -60,53 +61,18 @@ def render_page(record: Mapping[str, Any], metrics: Mapping[str, Fact], preview_
 
     A value that is missing or None is shown as a dash.
     """
-    name = _text(record.get("name"))
+    name = text_of(record.get("name"))
     sections = (
         _headline(record, name, metrics),
         _picture(preview_png, name),
-        _section("Results", draw_window(metrics) + _results(metrics)),
-        _section("Stages", _stages(record.get("stages") or ())),
-        _section("Warnings", _items(record.get("warnings") or ())),
-        _section("Configuration", _folded("Resolved configuration", _json(record.get("config")))),
-        _section("Files", _files(record.get("files") or {})),
-        _section("Provenance", _provenance(record)),
+        section("Results", draw_window(metrics) + _results(metrics)),
+        section("Stages", _stages(record.get("stages") or ())),
+        section("Warnings", items(record.get("warnings") or ())),
+        section("Configuration", folded("Resolved configuration", _json(record.get("config")))),
+        section("Files", _files(record.get("files") or {})),
+        section("Provenance", _provenance(record)),
     )
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
-        "style-src 'unsafe-inline'\">\n"
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        '<meta name="color-scheme" content="light dark">\n'
-        f"<title>{name} \u2013 scaffold-pipeline</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n<main>\n"
-        + "\n".join(section for section in sections if section)
-        + "\n</main>\n</body>\n</html>\n"
-    )
-
-
-def _text(value: object) -> str:
-    return escape(to_text(value))
-
-
-def _section(title: str, content: str) -> str:
-    return f"<section>\n<h2>{title}</h2>\n{content}\n</section>" if content else ""
-
-
-def _folded(title: str, content: str) -> str:
-    return f"<details>\n<summary>{title}</summary>\n{content}\n</details>" if content else ""
-
-
-def _items(lines: Iterable[object]) -> str:
-    items = "".join(f"<li>{_text(line)}</li>" for line in lines)
-    return f"<ul>{items}</ul>" if items else ""
-
-
-def _table(head: Iterable[str], rows: Iterable[Iterable[str]], kind: str) -> str:
-    """Return a table of cells that are HTML already; no rows, no table."""
-    body = "\n".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-    titles = "".join(f'<th scope="col">{title}</th>' for title in head)
-    top = f"<thead><tr>{titles}</tr></thead>\n" if titles else ""
-    table = f'<div class="wide"><table class="{kind}">\n{top}<tbody>\n{body}\n</tbody></table></div>'
-    return table if body else ""
+    return document(to_text(record.get("name")), sections)
 
 
 def _json(value: object) -> str:
@@ -126,15 +92,15 @@ def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact])
     when = record.get("finished") or record.get("started")
     told = " \u00b7 ".join(
         (
-            f"porosity {_text(metrics.get('porosity'))}",
-            f"{_text(metrics.get('triangles'))} triangles",
-            f"seed {_text(record.get('seed'))}",
+            f"porosity {text_of(metrics.get('porosity'))}",
+            f"{text_of(metrics.get('triangles'))} triangles",
+            f"seed {text_of(record.get('seed'))}",
             to_duration(record.get("seconds")),
             f"{to_size(record.get('peak_memory_bytes'))} at most",
-            _text(when).replace("T", " "),
+            text_of(when).replace("T", " "),
         )
     )
-    failures = f'<div class="gates">{_items(gates)}</div>' if gates else ""
+    failures = f'<div class="gates">{items(gates)}</div>' if gates else ""
     return (
         f'<header>\n<h1>{name}</h1>\n<p class="verdict {kind}">{verdict}</p>\n'
         f'<p class="told">{told}</p>\n{failures}</header>'
@@ -154,30 +120,30 @@ def _results(metrics: Mapping[str, Fact]) -> str:
     skipped = metrics.get("gates_not_applied")
     if isinstance(skipped, list) and skipped:
         rows.append(
-            ("Gates not applied", _text(len(skipped)), f'<span class="meaning">{_text("; ".join(skipped))}</span>')
+            ("Gates not applied", text_of(len(skipped)), f'<span class="meaning">{text_of("; ".join(skipped))}</span>')
         )
-    every = _table(("Key", "Value"), ((f"<code>{_text(k)}</code>", _text(v)) for k, v in metrics.items()), "facts")
-    return _table((), rows, "results") + _folded("All metrics", every)
+    every = table(("Key", "Value"), ((f"<code>{text_of(k)}</code>", text_of(v)) for k, v in metrics.items()), "facts")
+    return table((), rows, "results") + folded("All metrics", every)
 
 
 def _value(key: str, metrics: Mapping[str, Fact]) -> str:
     unit = _UNITS.get(key)
-    value = _text(metrics.get(key))
+    value = text_of(metrics.get(key))
     return f"{value} {unit}" if unit and value != NOTHING else value
 
 
 def _stages(stages: Iterable[Mapping[str, Any]]) -> str:
     head = ("Stage", "Status", "Time", "Memory", "Facts")
-    return _table(head, (_stage_row(stage) for stage in stages), "stages")
+    return table(head, (_stage_row(stage) for stage in stages), "stages")
 
 
 def _stage_row(stage: Mapping[str, Any]) -> tuple[str, ...]:
     label, used = stage.get("label"), stage.get("stage")
-    named = f"<strong>{_text(label)}</strong>" + (f"<br>{_text(used)}" if used != label else "")
+    named = f"<strong>{text_of(label)}</strong>" + (f"<br>{text_of(used)}" if used != label else "")
     reused = stage.get("reused")
     status = NOTHING if reused is None else "reused" if reused else "run"
     return (
-        f"{named}<br><small>version {_text(stage.get('version'))}</small>",
+        f"{named}<br><small>version {text_of(stage.get('version'))}</small>",
         f'<span class="{status}">{status}</span>',
         to_duration(stage.get("seconds")),
         to_size(stage.get("peak_memory_bytes")),
@@ -186,7 +152,7 @@ def _stage_row(stage: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _stage_facts(stage: Mapping[str, Any]) -> str:
-    facts = ((_text(key), _text(value)) for key, value in (stage.get("summary") or {}).items())
+    facts = ((text_of(key), text_of(value)) for key, value in (stage.get("summary") or {}).items())
     origin = {
         **{f"reads {slot}": digest for slot, digest in (stage.get("inputs") or {}).items()},
         **{f"file {name}": digest for name, digest in (stage.get("input_files") or {}).items()},
@@ -194,11 +160,11 @@ def _stage_facts(stage: Mapping[str, Any]) -> str:
         "seed": stage.get("seed"),
     }
     parameters = stage.get("parameters") or {}
-    rows = ((_text(key), f"<code>{_text(value)}</code>") for key, value in {**parameters, **origin}.items())
+    rows = ((text_of(key), f"<code>{text_of(value)}</code>") for key, value in {**parameters, **origin}.items())
     return (
-        _folded(_gist(stage), _table((), facts, "facts"))
-        + _folded("parameters, hashes", _table((), rows, "facts"))
-        + _items(f"warning: {message}" for message in stage.get("warnings") or ())
+        folded(_gist(stage), table((), facts, "facts"))
+        + folded("parameters, hashes", table((), rows, "facts"))
+        + items(f"warning: {message}" for message in stage.get("warnings") or ())
     )
 
 
@@ -211,10 +177,10 @@ def _gist(stage: Mapping[str, Any]) -> str:
 
 def _files(files: Mapping[str, Mapping[str, Any]]) -> str:
     rows = (
-        (_text(name), to_size(facts.get("bytes")), f"<code>{_text(facts.get('sha256'))}</code>")
+        (text_of(name), to_size(facts.get("bytes")), f"<code>{text_of(facts.get('sha256'))}</code>")
         for name, facts in files.items()
     )
-    return _table(("File", "Size", "SHA-256"), rows, "files")
+    return table(("File", "Size", "SHA-256"), rows, "files")
 
 
 def _provenance(record: Mapping[str, Any]) -> str:
@@ -223,58 +189,8 @@ def _provenance(record: Mapping[str, Any]) -> str:
         "SHA-256 of the configuration": record.get("config_sha256"),
         **{str(key).capitalize(): value for key, value in (record.get("platform") or {}).items()},
     }
-    rows = [(_text(key), f"<code>{_text(value)}</code>") for key, value in facts.items()]
-    versions = [(_text(key), f"<code>{_text(value)}</code>") for key, value in (record.get("versions") or {}).items()]
-    return _table((), rows, "facts") + _folded("Versions of libraries", _table((), versions, "facts"))
-
-
-_STYLE = """
-:root { --ink: #23272e; --faint: #667080; --paper: #fdfcf9; --panel: #f4f0e7; --line: #ddd6c6; --accent: #8a6d3b;
-  --good: #24724a; --bad: #b3261e; --good-band: #9fd0b2; --closed-band: #8fa9c9; --broken-band: #e2a79b; }
-@media (prefers-color-scheme: dark) { :root { --ink: #e6e3dc; --faint: #9aa1ac; --paper: #17191d; --panel: #22252b;
-  --line: #3a3e46; --accent: #d9b97c; --good: #6fce9a; --bad: #ff8a80; --good-band: #2f6b4a;
-  --closed-band: #3c5270; --broken-band: #77413a; } }
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--paper); color: var(--ink); font: 16px/1.5 system-ui, sans-serif; }
-main { max-width: 60rem; margin: 0 auto; padding: 2rem 1.25rem 4rem; }
-h1 { margin: 0; font-size: 2rem; line-height: 1.2; overflow-wrap: anywhere; }
-h2 { margin: 2.5rem 0 .75rem; padding-bottom: .25rem; font-size: 1.2rem; border-bottom: 1px solid var(--line); }
-header { display: grid; grid-template-columns: 1fr auto; gap: .25rem 1rem; align-items: center; }
-.told, .gates { grid-column: 1 / -1; margin: 0; color: var(--faint); }
-.gates { color: var(--bad); }
-.gates ul { margin: .5rem 0 0; }
-.verdict { margin: 0; padding: .25rem .9rem; border: 1.5px solid; border-radius: 1rem; font-weight: 600; }
-.pass { color: var(--good); }
-.fail { color: var(--bad); }
-.unknown, .none, .meaning, small { color: var(--faint); }
-figure { margin: 1.5rem 0; }
-figure img { display: block; max-width: 100%; max-height: 80vh; margin: 0 auto; padding: .5rem; background: #fff;
-  border: 1px solid var(--line); border-radius: .5rem; }
-figcaption { color: var(--faint); font-size: .9rem; }
-svg { width: 100%; height: auto; }
-svg text { fill: var(--ink); font: 14px system-ui, sans-serif; }
-svg line { stroke: var(--ink); stroke-width: 1.5; }
-rect.open { fill: var(--good-band); }
-rect.closed { fill: var(--closed-band); fill-opacity: .9; }
-rect.broken { fill: var(--broken-band); fill-opacity: .75; }
-.wide { overflow-x: auto; }
-table { width: 100%; border-collapse: collapse; font-variant-numeric: tabular-nums; }
-th, td { padding: .35rem .75rem .35rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid var(--line); }
-th { color: var(--faint); font-weight: 500; font-size: .9rem; }
-.results td:nth-child(2) { text-align: right; font-weight: 600; white-space: nowrap; }
-.results td:nth-child(3) { padding-left: 1rem; font-size: .9rem; }
-.stages td:nth-child(3), .stages td:nth-child(4), .files td:nth-child(2) { white-space: nowrap; }
-.stages ul { margin: .25rem 0; padding-left: 1.2rem; color: var(--accent); font-size: .9rem; }
-.facts, details { font-size: .9rem; }
-.facts td { overflow-wrap: anywhere; }
-.facts td:first-child { width: 40%; color: var(--faint); }
-.reused { color: var(--faint); }
-summary { cursor: pointer; color: var(--accent); }
-code, pre { font: .85em/1.45 ui-monospace, monospace; overflow-wrap: anywhere; }
-pre { padding: .75rem 1rem; overflow-x: auto; background: var(--panel); border-radius: .5rem; }
-@media print { :root { color-scheme: light; --ink: #000; --faint: #444; --paper: #fff; --line: #bbb; --accent: #5a4622;
-  --good: #1b5e3a; --bad: #8c1d18; --good-band: #9fd0b2; --closed-band: #8fa9c9; --broken-band: #e2a79b; }
-  body { font-size: 10pt; } main { max-width: none; padding: 0; } tr, figure, header { break-inside: avoid; }
-  h2 { break-after: avoid; } figure img { max-height: 12cm; } * { print-color-adjust: exact; }
-  details::details-content { content-visibility: visible; height: auto; } }
-"""
+    rows = [(text_of(key), f"<code>{text_of(value)}</code>") for key, value in facts.items()]
+    versions = [
+        (text_of(key), f"<code>{text_of(value)}</code>") for key, value in (record.get("versions") or {}).items()
+    ]
+    return table((), rows, "facts") + folded("Versions of libraries", table((), versions, "facts"))
