@@ -56,7 +56,7 @@ def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
         "manifold3d": _manifold_status(vertices, faces),
         "notes": "; ".join(content.notes),
     }
-    return Metrics(values=values)
+    return Metrics(values, has_gates=False)
 
 
 def _unit_in_words(unit: str | None, *, is_given: bool) -> str:
