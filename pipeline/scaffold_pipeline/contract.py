@@ -95,6 +95,11 @@ class Params(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 
+    @property
+    def is_repeatable(self) -> bool:
+        """Whether a stage gives the same again for these parameters; overridden where a library cannot."""
+        return True
+
     @classmethod
     def marked(cls, kind: type) -> dict[str, Any]:
         """Return the marks of `kind` (`Unit`, `Follows`, `InputFileMark`) by the name of their field."""

@@ -63,6 +63,11 @@ class TetrahedraliseParams(Params):
     time_limit: Annotated[float, Unit("s")] = Field(default=1800.0, gt=0.0)
     """Time after which an attempt is given up."""
 
+    @property
+    def is_repeatable(self) -> bool:
+        """Never: fTetWild gives another mesh at each call."""
+        return False
+
     @model_validator(mode="after")
     def _one_size(self) -> TetrahedraliseParams:
         if (self.edge_length is None) == (self.cells is None):
