@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-
-from scaffold_pipeline.memory import available_memory
 
 MOST_DEATHS = 2
 """A task whose worker dies is tried again, alone, once: it may have been the memory that another task took."""
@@ -36,7 +35,7 @@ class Outcome:
 
 @dataclass
 class Schedule:
-    """Tasks on their way through an executor: `workers` at once at most, and no more than fit into memory.
+    """Tasks on their way through an executor: `workers` at once at most, and no more than fit into `memory` bytes.
 
     `do` is what a worker calls with a task's name; `ended` is told each outcome. After a failure nothing new is
     started unless `keep_going`.
@@ -46,7 +45,7 @@ class Schedule:
     ended: Callable[[str, Outcome], None]
     workers: int
     keep_going: bool = False
-    memory: int = field(default_factory=available_memory)
+    memory: int = sys.maxsize
     _peak: int = 0
     _made: set[str] = field(default_factory=set)
     _deaths: Counter[str] = field(default_factory=Counter)

@@ -20,7 +20,6 @@ from typing import Any, BinaryIO
 
 from scaffold_pipeline.cache import Cache
 from scaffold_pipeline.config import read_draft
-from scaffold_pipeline.cores import core_count
 from scaffold_pipeline.errors import PipelineError, lines_and_code
 from scaffold_pipeline.plan import make_plan
 from scaffold_pipeline.records import config_hash, recipes
@@ -30,7 +29,7 @@ from scaffold_pipeline.schedule import Outcome, Schedule, Task
 from scaffold_pipeline.store import Store, write_atomically
 from scaffold_pipeline.study_file import Point, Study
 from scaffold_pipeline.study_table import FAILURE, PointState, read_state, write_json, write_results
-from scaffold_pipeline.workers import interruptible, local_workers
+from scaffold_pipeline.workers import Crew, interruptible, local_crew
 from scaffold_pipeline.yaml_source import to_yaml
 
 POINTS = "points"
@@ -104,23 +103,24 @@ def run_study(
     out: Path,
     *,
     cache: Cache | None = None,
-    workers: int | None = None,
+    hire: Callable[[int], Crew] = local_crew,
     keep_going: bool = False,
     watcher: Watcher | None = None,
 ) -> list[PointState]:
-    """Run the points that are not done yet, `workers` at once, one a core by default; return the state of all.
+    """Run the points that are not done yet by the crew that `hire` gives for their number; return the state of all.
 
     The table and the record are written now and then, and at the end, however it comes. After a point has failed those
     that run are finished and no other is started, unless `keep_going`.
     """
     with locked(out):
         bench = _Bench(study, out, survey(study, out, cache), watcher or Watcher())
-        count = workers or max(1, min(core_count(), len(bench.left)))
+        crew = hire(len(bench.left))
         shared = cache or own_cache(out)
-        bench.prepare(shared, count)
-        schedule = Schedule(partial(run_point, out.resolve() / POINTS, shared.root), bench.ended, count, keep_going)
+        bench.prepare(shared, crew.size)
+        do = partial(run_point, out.resolve() / POINTS, shared.root)
+        schedule = Schedule(do, bench.ended, crew.size, keep_going, crew.memory)
         try:
-            schedule.run(bench.tasks(), partial(local_workers, count))
+            schedule.run(bench.tasks(), crew.start)
         finally:
             bench.write()
     return list(bench.states.values())

@@ -147,7 +147,7 @@ def _give_stored(plan: Plan, stages: Mapping[str, Any], source: Store, target: S
 def _files_that_agree(found: StepRecord, recorded: Mapping[str, Any]) -> int:
     """Return the number of the step's files; raises `_DifferenceError` at the first result that is another."""
     files: Mapping[str, str] = recorded["files"]
-    pairs = {"output": (recorded["output"], found.output)}
+    pairs: dict[str, tuple[str | None, str | None]] = {"output": (recorded["output"], found.output)}
     pairs |= {name: (files.get(name), found.files.get(name)) for name in sorted({*files, *found.files})}
     for what, (earlier, now) in pairs.items():
         if earlier != now:
@@ -156,8 +156,8 @@ def _files_that_agree(found: StepRecord, recorded: Mapping[str, Any]) -> int:
 
 
 def _changed_versions(record: Mapping[str, Any], stages: Collection[str]) -> dict[str, tuple[str | None, str | None]]:
-    now = environment(stages)
+    present = environment(stages)
     earlier: dict[str, str] = {"python": record["platform"].get("python"), **record["versions"]}
-    found: dict[str, str] = {"python": now["platform"]["python"], **now["versions"]}
-    names = sorted({*earlier, *found})
-    return {name: (earlier.get(name), found.get(name)) for name in names if earlier.get(name) != found.get(name)}
+    found: dict[str, str] = {"python": present["platform"]["python"], **present["versions"]}
+    both = {name: (earlier.get(name), found.get(name)) for name in sorted({*earlier, *found})}
+    return {name: (then, now) for name, (then, now) in both.items() if then != now}
