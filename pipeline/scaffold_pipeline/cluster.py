@@ -6,6 +6,7 @@ threads from its start, and whatever ends that process is no more than the end o
 
 from __future__ import annotations
 
+import asyncio
 import os
 import pickle
 import subprocess
@@ -52,6 +53,7 @@ def _client(address: str) -> Iterator[Client]:
         message = "--scheduler needs dask.distributed; install it with `pip install 'scaffold-pipeline[dask]'`"
         raise PipelineError(message) from error
     try:
+        asyncio.run(asyncio.wait_for(_shake_hands(address), PATIENCE))
         client = Client(address, timeout=PATIENCE, set_as_default=False)
     except (OSError, ValueError) as error:
         message = (
@@ -60,6 +62,15 @@ def _client(address: str) -> Iterator[Client]:
         raise PipelineError(message) from error
     with client:
         yield client
+
+
+async def _shake_hands(address: str) -> None:
+    """Connect to the scheduler at `address` and leave it: where one accepts and is silent, `Client` waits for ever."""
+    from distributed import Security
+    from distributed.core import connect
+
+    comm = await connect(address, timeout=PATIENCE, **Security().get_connection_args("client"))
+    await comm.close()
 
 
 @contextmanager

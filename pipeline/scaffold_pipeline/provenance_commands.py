@@ -1,4 +1,4 @@
-"""The commands on what is done: `verify`, whether it comes out the same again."""
+"""The commands on what is done: `verify`, whether it comes out the same again, and `crate`, to hand it on."""
 
 from __future__ import annotations
 
@@ -48,6 +48,33 @@ def verify(
         return 0
     print(f"{folder}: {_difference(found)}", file=sys.stderr)
     return FAILED
+
+
+def crate(
+    folder: Annotated[Path, Parameter(name="DIR")],
+    /,
+    *,
+    out: Path | None = None,
+    licence: Annotated[str | None, Parameter(name=["--licence", "--license"])] = None,
+    as_json: Json = False,
+) -> int:
+    """Pack a finished run or study as an RO-Crate: its files, their hashes, and how they were made.
+
+    Parameters
+    ----------
+    folder
+        The folder of a run or of a study.
+    out
+        The ZIP file to write; DIR.crate.zip by default.
+    licence
+        URL of the licence that the files are given under, which archives ask for.
+    """
+    from scaffold_pipeline.crate import write_crate
+
+    target = out or folder.resolve().with_name(f"{folder.resolve().name}.crate.zip")
+    count = write_crate(folder, target, licence)
+    text = f"{target}: {count} files; who made it is for you to add"
+    return answer({"crate": str(target), "files": count}, text, as_json=as_json)
 
 
 def _agreement(found: Verification) -> str:

@@ -61,7 +61,7 @@ def verify_run(folder: Path, progress: Progress | None = None) -> Verification:
     that was changed since, or a stored result that is gone.
     """
     record = read_record(folder)
-    _require_files(folder, record)
+    require_files(folder, record)
     plan = make_plan(read_draft(folder / "config.yaml"))
     stages = {stage["label"]: stage for stage in record["stages"]}
     if list(stages) != plan.labels:
@@ -100,7 +100,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     raise PipelineError(f"{path}: is not the record of a run")
 
 
-def _require_files(folder: Path, record: Mapping[str, Any]) -> None:
+def require_files(folder: Path, record: Mapping[str, Any]) -> None:
     """Require that the files in `folder` are those that its record names."""
     for name, facts in record["files"].items():
         path = folder / name

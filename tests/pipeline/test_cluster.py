@@ -107,7 +107,7 @@ def test_a_scheduler_that_does_not_answer_is_told_within_seconds_and_nothing_is_
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
         study = project.start("study", "study.yaml", "--scheduler", address)
-        _, err = study.communicate(timeout=30)
+        _, err = study.communicate(timeout=25)
     assert study.returncode == 1
     assert err == f"{address}: no Dask scheduler answers there within 5 s; is it the address that it printed?\n"
     assert not (OUT / "study.json").exists()
