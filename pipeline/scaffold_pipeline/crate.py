@@ -22,10 +22,30 @@ if TYPE_CHECKING:
     from rocrate.model.entity import Entity
     from rocrate.rocrate import ROCrate
 
+_VERSION = "1.2"
+"""Of the RO-Crate specification."""
+
 _PROGRAM = "scaffold-pipeline"
 
+_FORMATS = {
+    ".yaml": "application/yaml",
+    ".3mf": "model/3mf",
+    ".npy": "application/octet-stream",
+    "": "application/octet-stream",
+}
+"""Media types that Python may not know."""
 
-def write_crate(folder: Path, target: Path, licence: str | None = None) -> int:
+_DESCRIPTIONS = {
+    "config.yaml": "The configuration, with every default written out",
+    "metrics.json": "What was measured",
+    "report.html": "The result on one page",
+    RECORD: "The record: seeds, versions, and the hash of every input, result and file",
+    STUDY_RECORD: "The record of the study: what varied, and the state of each point",
+    TABLE: "One row a point: what varied, and all metrics",
+}
+
+
+def write_crate(folder: Path, target: Path, licence: str) -> int:
     """Write the run or study in `folder` into the ZIP file `target`; return the number of its files.
 
     Of a study only the points that are done are taken. Of a run's store there is what cannot be repeated, so that
@@ -37,20 +57,19 @@ def write_crate(folder: Path, target: Path, licence: str | None = None) -> int:
     except ImportError as error:
         message = "a crate needs rocrate; install it with `pip install 'scaffold-pipeline[provenance]'`"
         raise PipelineError(message) from error
-    crate = ROCrate()
+    crate = ROCrate(version=_VERSION)
     study = read_json(folder / STUDY_RECORD)
     runs = _runs(folder, study)
     first = study or read_record(folder)
     crate.name = first["name"]
     crate.description = f"A porous scaffold study of {len(runs)} points" if study else "A porous scaffold"
-    if licence is not None:
-        crate.license = licence
+    crate.license = licence
     software = _add_software(crate, first["versions"])
     if study:
         tables = [folder / name for name in (STUDY_RECORD, TABLE, "study.html") if (folder / name).is_file()]
         _add_files(crate, folder, {path: hash_file(path) for path in tables})
-    for run in runs:
-        _add_run(crate, folder, run, software)
+    actions = [_add_run(crate, folder, run, software) for run in runs]
+    crate.root_dataset["mentions"] = actions if study else actions[0]
     write_atomically(target, lambda stream: stream.writelines(crate.stream_zip()))
     return len(crate.get_by_type("File"))
 
@@ -66,16 +85,17 @@ def _runs(folder: Path, study: Mapping[str, Any]) -> list[Path]:
 
 
 def _add_software(crate: ROCrate, versions: Mapping[str, str]) -> Entity:
-    """Add each program with its version; return the one that made all the others' results."""
+    """Add each distribution with its version and package URL; return the one that called all the others."""
     for name, version in versions.items():
-        entry = {"@id": f"#{name}", "@type": "SoftwareApplication", "name": name, "softwareVersion": version}
-        crate.add_jsonld(entry)
+        facts = {"name": name, "version": version, "url": f"pkg:pypi/{name}@{version}"}
+        crate.add_jsonld({"@id": f"#{name}", "@type": "SoftwareApplication", **facts})
     program = crate.dereference(f"#{_PROGRAM}")
     program["softwareRequirements"] = [{"@id": f"#{name}"} for name in versions if name != _PROGRAM]
     return program
 
 
-def _add_run(crate: ROCrate, root: Path, folder: Path, software: Entity) -> None:
+def _add_run(crate: ROCrate, root: Path, folder: Path, software: Entity) -> Entity:
+    """Add the files of a run and what made them; return that."""
     record = read_record(folder)
     require_files(folder, record)
     files = {folder / name: facts["sha256"] for name, facts in record["files"].items()}
@@ -83,10 +103,10 @@ def _add_run(crate: ROCrate, root: Path, folder: Path, software: Entity) -> None
     added = _add_files(crate, root, files)
     _add_files(crate, root, {path: hash_file(path) for path in _stored(folder, record)})
     config = added.pop("config.yaml")
-    crate.add_action(
+    return crate.add_action(
         software,
         identifier=f"#run-{record['config_sha256'][:12]}-{folder.name}",
-        object=[config],
+        object=config,
         result=list(added.values()),
         properties={"name": f"Run of {record['name']}", "endTime": record["finished"]},
     )
@@ -96,9 +116,10 @@ def _add_files(crate: ROCrate, root: Path, files: Mapping[Path, str]) -> dict[st
     """Add files with their hashes; return them by their names."""
     added = {}
     for path, digest in files.items():
-        kind = mimetypes.guess_type(path)[0]
-        facts = {"name": path.name, "sha256": digest, "contentSize": str(path.stat().st_size)}
-        facts |= {"encodingFormat": kind} if kind else {}
+        kind = _FORMATS.get(path.suffix) or mimetypes.guess_type(path)[0] or _FORMATS[""]
+        told = _DESCRIPTIONS.get(path.name, "What a stage wrote")
+        facts = {"name": path.name, "description": told, "encodingFormat": kind, "sha256": digest}
+        facts["contentSize"] = str(path.stat().st_size)
         added[path.name] = crate.add_file(path, path.relative_to(root).as_posix(), properties=facts)
     return added
 

@@ -54,8 +54,8 @@ def crate(
     folder: Annotated[Path, Parameter(name="DIR")],
     /,
     *,
+    licence: Annotated[str, Parameter(name=["--licence", "--license"])],
     out: Path | None = None,
-    licence: Annotated[str | None, Parameter(name=["--licence", "--license"])] = None,
     as_json: Json = False,
 ) -> int:
     """Pack a finished run or study as an RO-Crate: its files, their hashes, and how they were made.
@@ -64,10 +64,10 @@ def crate(
     ----------
     folder
         The folder of a run or of a study.
+    licence
+        URL of the licence that you give the files under: a crate has to name one.
     out
         The ZIP file to write; DIR.crate.zip by default.
-    licence
-        URL of the licence that the files are given under, which archives ask for.
     """
     from scaffold_pipeline.crate import write_crate
 
