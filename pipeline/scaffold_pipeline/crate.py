@@ -6,7 +6,7 @@ Soiland-Reyes et al., "Packaging research artefacts with RO-Crate", Data Science
 from __future__ import annotations
 
 import mimetypes
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,12 +27,7 @@ _VERSION = "1.2"
 
 _PROGRAM = "scaffold-pipeline"
 
-_FORMATS = {
-    ".yaml": "application/yaml",
-    ".3mf": "model/3mf",
-    ".npy": "application/octet-stream",
-    "": "application/octet-stream",
-}
+_FORMATS = {".yaml": "application/yaml", ".3mf": "model/3mf"}
 """Media types that Python may not know."""
 
 _DESCRIPTIONS = {
@@ -49,7 +44,7 @@ def write_crate(folder: Path, target: Path, licence: str) -> int:
     """Write the run or study in `folder` into the ZIP file `target`; return the number of its files.
 
     Of a study only the points that are done are taken. Of a run's store there is what cannot be repeated, so that
-    `verify` finds it. `licence` is a URL or the name of one. Who made it is not known here: the crate names nobody.
+    `verify` finds it. `licence` is the URL of one. Who made it is not known here: the crate names nobody.
     Raises `PipelineError` where there is no finished run, or a file is not the one that its record names.
     """
     try:
@@ -66,7 +61,9 @@ def write_crate(folder: Path, target: Path, licence: str) -> int:
     crate.license = licence
     software = _add_software(crate, first["versions"])
     if study:
-        tables = [folder / name for name in (STUDY_RECORD, TABLE, "study.html") if (folder / name).is_file()]
+        tables = [
+            folder / name for name in (STUDY_RECORD, TABLE, "study.html", "sheet.png") if (folder / name).is_file()
+        ]
         _add_files(crate, folder, {path: hash_file(path) for path in tables})
     actions = [_add_run(crate, folder, run, software) for run in runs]
     crate.root_dataset["mentions"] = actions if study else actions[0]
@@ -116,7 +113,7 @@ def _add_files(crate: ROCrate, root: Path, files: Mapping[Path, str]) -> dict[st
     """Add files with their hashes; return them by their names."""
     added = {}
     for path, digest in files.items():
-        kind = _FORMATS.get(path.suffix) or mimetypes.guess_type(path)[0] or _FORMATS[""]
+        kind = _FORMATS.get(path.suffix) or mimetypes.guess_type(path)[0] or "application/octet-stream"
         told = _DESCRIPTIONS.get(path.name, "What a stage wrote")
         facts = {"name": path.name, "description": told, "encodingFormat": kind, "sha256": digest}
         facts["contentSize"] = str(path.stat().st_size)
@@ -127,12 +124,7 @@ def _add_files(crate: ROCrate, root: Path, files: Mapping[Path, str]) -> dict[st
 def _stored(folder: Path, record: Mapping[str, Any]) -> Iterator[Path]:
     """Yield the files of the run's store with what cannot be repeated."""
     store = Store(folder / STORE)
-    for stage in _unrepeatable(record["stages"]):
-        result = store.result(stage["key"])
-        yield from store.paths(stage["key"], result) if result else ()
-
-
-def _unrepeatable(stages: Iterable[Mapping[str, Any]]) -> Iterator[Mapping[str, Any]]:
-    for stage in stages:
-        if not load_stage(stage["stage"]).params.model_construct(**stage["parameters"]).is_repeatable:
-            yield stage
+    for stage in record["stages"]:
+        if not load_stage(stage["stage"]).is_repeatable:
+            result = store.result(stage["key"])
+            yield from store.paths(stage["key"], result) if result else ()

@@ -126,7 +126,7 @@ def _told(rule: str, recorded: str | None, found: str | None) -> str:
 def _give_stored(plan: Plan, stages: Mapping[str, Any], source: Store, target: Store) -> tuple[str, ...]:
     """Let `target` have what cannot be repeated, under the keys of today; return the labels."""
     target.make_folders()
-    fixed = [step for step in plan.steps if not step.params.is_repeatable]
+    fixed = [step for step in plan.steps if not step.stage.is_repeatable]
     for step in fixed:
         recorded = stages[step.label]
         try:

@@ -63,11 +63,6 @@ class TetrahedraliseParams(Params):
     time_limit: Annotated[float, Unit("s")] = Field(default=1800.0, gt=0.0)
     """Time after which an attempt is given up."""
 
-    @property
-    def is_repeatable(self) -> bool:
-        """Never: fTetWild gives another mesh at each call."""
-        return False
-
     @model_validator(mode="after")
     def _one_size(self) -> TetrahedraliseParams:
         if (self.edge_length is None) == (self.cells is None):
@@ -75,7 +70,7 @@ class TetrahedraliseParams(Params):
         return self
 
 
-@stage(writes="mesh", version=2, libraries=("pytetwild", "scipy"))
+@stage(writes="mesh", version=2, libraries=("pytetwild", "scipy"), repeatable=False)
 def tetrahedralise(outer: OuterShape, *, params: TetrahedraliseParams) -> VolumeMesh:
     """Fill the outer shape with tetrahedra whose mean edge is the one asked for.
 

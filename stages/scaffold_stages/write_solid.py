@@ -63,11 +63,6 @@ class WriteSolidParams(Params):
     mesh_time_limit: Annotated[float, Unit("s")] = Field(default=3600.0, gt=0.0)
     """Time after which the tetrahedral mesh is given up."""
 
-    @property
-    def is_repeatable(self) -> bool:
-        """Whether fTetWild is not asked for a mesh."""
-        return not self.mesh
-
     @field_validator("name")
     @classmethod
     def _printable(cls, name: str) -> str:

@@ -208,13 +208,8 @@ class CastPointsParams(Params):
     seconds: Annotated[float, Unit("s")] = 0.0
     """How long it takes."""
 
-    @property
-    def is_repeatable(self) -> bool:
-        """Never."""
-        return False
 
-
-@stage(writes="points", version=1)
+@stage(writes="points", version=1, repeatable=False)
 def cast_points(*, params: CastPointsParams) -> Points:
     """Make points that are others at each call, as some libraries do."""
     with Path(params.log).open("a", encoding="utf-8") as stream:
