@@ -7,6 +7,7 @@ threads from its start, and whatever ends that process is no more than the end o
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import pickle
 import subprocess
@@ -52,6 +53,7 @@ def _client(address: str) -> Iterator[Client]:
     except ImportError as error:
         message = "--scheduler needs dask.distributed; install it with `pip install 'scaffold-pipeline[dask]'`"
         raise PipelineError(message) from error
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it tells here, an exception tells too
     try:
         asyncio.run(asyncio.wait_for(_shake_hands(address), PATIENCE))
         client = Client(address, timeout=PATIENCE, set_as_default=False)

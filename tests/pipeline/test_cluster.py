@@ -53,13 +53,13 @@ def process(*arguments: object) -> Iterator[subprocess.Popen[bytes]]:
 
 
 @contextmanager
-def scheduler(folder: Path) -> Iterator[str]:
-    """Start a scheduler on loopback and give its address."""
+def scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Start a scheduler on loopback and give its address and its process."""
     told = folder / "scheduler.json"
     options = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", told)
-    with process("distributed.cli.dask_scheduler", *options):
+    with process("distributed.cli.dask_scheduler", *options) as running:
         wait_for(lambda: told.is_file() and told.read_text().endswith("}"))
-        yield json.loads(told.read_text())["address"]
+        yield json.loads(told.read_text())["address"], running
 
 
 @contextmanager
@@ -81,12 +81,16 @@ def test_a_worker_that_is_killed_costs_a_retry_and_not_the_study(project: Projec
     logs.mkdir()
     project.write(BASE.replace("LOG", str(logs / "0")), "base.yaml")
     project.write(STUDY.replace("FOLDER", str(logs)), "study.yaml")
-    with scheduler(project.folder) as address, worker(address, "--no-nanny") as first, worker(address, "--no-nanny"):
+    with (
+        scheduler(project.folder) as (address, _),
+        worker(address, "--no-nanny") as first,
+        worker(address, "--no-nanny"),
+    ):
         wait_for_workers(address, 2)
         study = project.start("study", "study.yaml", "--scheduler", address)
         wait_for(lambda: len(list(logs.iterdir())) == 2, study)
         os.kill(first.pid, signal.SIGKILL)
-        _, err = study.communicate(timeout=60)
+        err = study.communicate(timeout=60)[1]
         assert (study.returncode, "Traceback" in err) == (0, False), err
     assert [row["error"] for row in rows()] == ["", "", ""]
     assert sorted(log.read_text().count("called") for log in logs.iterdir()) == [1, 1, 2]
@@ -114,14 +118,24 @@ def test_a_scheduler_that_does_not_answer_is_told_within_seconds_and_nothing_is_
 
 
 @needs_dask
-def test_a_scheduler_without_workers_is_told(project: Project):
-    project.write(BASE, "base.yaml")
-    project.write(STUDY, "study.yaml")
-    with scheduler(project.folder) as address:
+def test_a_scheduler_without_workers_and_one_that_is_lost_are_told(project: Project):
+    log = project.folder / "log"
+    project.write(BASE.replace("LOG", str(log)).replace("1.0", "20.0"), "base.yaml")
+    project.write("{base: base.yaml, repeats: 2}", "study.yaml")
+    with scheduler(project.folder) as (address, running):
         study = project.start("study", "study.yaml", "--scheduler", address)
         _, err = study.communicate(timeout=30)
+        assert study.returncode == 1
+        assert err == f"{address}: the scheduler has no workers; start some with `dask worker {address}`\n"
+        with worker(address, "--no-nanny"):
+            wait_for_workers(address, 1)
+            study = project.start("study", "study.yaml", "--scheduler", address)
+            wait_for(log.is_file, study)
+            running.kill()
+            _, err = study.communicate(timeout=30)
     assert study.returncode == 1
-    assert err == f"{address}: the scheduler has no workers; start some with `dask worker {address}`\n"
+    assert err == f"{address}: the scheduler was lost; the same command goes on with the points that are left\n"
+    assert [row["error"] for row in rows()] == ["not run", "not run"]
 
 
 def test_a_call_in_a_process_returns_what_it_does_and_raises_what_it_does_not():
