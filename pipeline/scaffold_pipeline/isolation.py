@@ -50,7 +50,8 @@ def call_in_child(
             raise StageError(f"{failure.read_text(encoding='utf-8')}; {about}")
         answer = box / "answer.npz"
         if code != 0 or not answer.exists():
-            raise _death(f"{request['module']} {{}}; {about}", code, box, memory)
+            kind, how = _death(code, box, memory)
+            raise kind(f"{request['module']} {how}; {about}")
         with np.load(answer, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
 
@@ -68,15 +69,14 @@ def _run_child(box: Path, seconds: float, about: str) -> int:
             child.wait()
 
 
-def _death(told: str, code: int, box: Path, memory: int) -> StageError:
-    """Return the error that the child's death is; `told` is what to say, with a place for how it died."""
+def _death(code: int, box: Path, memory: int) -> tuple[type[StageError], str]:
+    """Return the kind of error that the child's death is, and how it died."""
     lines = (box / "output.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = lines[-1].strip()[:200] if lines else ""
     if any(sign in line for line in lines for sign in _OUT_OF_MEMORY):
-        needs = f"needs more than the {memory / 2**30:.1f} GiB of memory that were free ({last})"
-        return MemoryShortageError(told.format(needs))
+        return MemoryShortageError, f"needs more than the {memory / 2**30:.1f} GiB of memory that were free ({last})"
     ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-    return StageError(told.format(f"{ended} ({last})" if last else ended))
+    return StageError, f"{ended} ({last})" if last else ended
 
 
 def _serve(box: Path) -> None:

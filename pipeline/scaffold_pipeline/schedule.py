@@ -31,7 +31,10 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task: the error that ended it, or None, the most memory that it had, bytes, and warnings."""
+    """What became of a task: the error that ended it, or None, the most memory that it had, bytes, and warnings.
+
+    `lacks_memory` tells that the error was one of too little memory.
+    """
 
     error: str | None = None
     peak_memory_bytes: int = 0
