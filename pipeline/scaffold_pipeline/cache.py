@@ -7,6 +7,7 @@ full, read-only or gone, the stage is run.
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import time
@@ -117,6 +118,15 @@ class Cache:
                     used = self.store.path("results", key).stat().st_mtime
                     found.append(Entry(key, result["stage"], result["version"], result["seconds"], files, used))
         return sorted(found, key=lambda entry: entry.used, reverse=True)
+
+    def peaks(self) -> dict[str, int]:
+        """Return the most memory that each stage whose results are stored has had, bytes, by its name."""
+        found: dict[str, int] = {}
+        for key in self.store.stored_keys():
+            with suppress(OSError, ValueError, KeyError, TypeError):  # what is damaged tells nothing
+                result = json.loads(self.store.path("results", key).read_text(encoding="utf-8"))["result"]
+                found[result["stage"]] = max(found.get(result["stage"], 0), int(result["peak_memory_bytes"]))
+        return found
 
     def size(self) -> int:
         """Return the bytes of all results."""

@@ -143,6 +143,7 @@ class Stage:
     output: type[Artifact]
     engine_arguments: frozenset[str]
     libraries: dict[str, str]
+    is_repeatable: bool
 
     @property
     def summary(self) -> str:
@@ -155,18 +156,22 @@ class _Declaration:
     writes: str
     version: int
     libraries: tuple[str, ...]
+    is_repeatable: bool
 
 
-def stage(*, writes: str, version: int, libraries: Collection[str] = ()) -> Callable[[StageFunction], StageFunction]:
+def stage(
+    *, writes: str, version: int, libraries: Collection[str] = (), repeatable: bool = True
+) -> Callable[[StageFunction], StageFunction]:
     """Declare a function to be a stage that writes slot `writes`; it stays a plain callable function.
 
     `version` is raised whenever the function may return something else for the same input: stored results of
     other versions are then no longer used. Nor are those made with other versions of `libraries`: the installed
     distributions, by their names, whose code shapes what the function returns. numpy is always one of them.
+    What is not `repeatable` gives something else at each call, as a library may: then only what is stored is the same.
     """
 
     def declare(function: StageFunction) -> StageFunction:
-        setattr(function, _DECLARATION, _Declaration(writes, version, (*sorted({*libraries, "numpy"}),)))
+        setattr(function, _DECLARATION, _Declaration(writes, version, (*sorted({*libraries, "numpy"}),), repeatable))
         return function
 
     return declare
@@ -195,6 +200,7 @@ def stage_from_function(name: str, function: object) -> Stage:
         output=hints["return"],
         engine_arguments=_ENGINE_ARGUMENTS & set(arguments),
         libraries={library: _version(name, library) for library in declaration.libraries},
+        is_repeatable=declaration.is_repeatable,
     )
 
 

@@ -33,7 +33,7 @@ def thread_count() -> int:
 
 @contextmanager
 def threads_of_children(count: int) -> Iterator[None]:
-    """Have the processes that are started in a `with` block use `count` threads each."""
+    """Have the processes that are started, and the libraries that are loaded, in a `with` block use `count` threads."""
     earlier = {name: os.environ.get(name) for name in THREAD_VARIABLES}
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, str(count)))
     try:

@@ -20,6 +20,10 @@ class StageError(PipelineError):
     """A stage could not do its work on the values it was given."""
 
 
+class MemoryShortageError(StageError):
+    """A stage could not have the memory that it needs; with more of it free it may do its work."""
+
+
 class StageDefinitionError(PipelineError):
     """A stage, ours or a plug-in's, does not keep the contract of `scaffold_pipeline.contract`."""
 

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.errors import PipelineError, StageError
+from scaffold_pipeline.errors import MemoryShortageError, PipelineError, StageError
 from scaffold_pipeline.memory import available_memory
 
 _OUT_OF_MEMORY = ("MemoryError", "bad_alloc")
@@ -50,7 +50,8 @@ def call_in_child(
             raise StageError(f"{failure.read_text(encoding='utf-8')}; {about}")
         answer = box / "answer.npz"
         if code != 0 or not answer.exists():
-            raise StageError(f"{request['module']} {_death(code, box, memory)}; {about}")
+            kind, how = _death(code, box, memory)
+            raise kind(f"{request['module']} {how}; {about}")
         with np.load(answer, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
 
@@ -68,13 +69,14 @@ def _run_child(box: Path, seconds: float, about: str) -> int:
             child.wait()
 
 
-def _death(code: int, box: Path, memory: int) -> str:
+def _death(code: int, box: Path, memory: int) -> tuple[type[StageError], str]:
+    """Return the kind of error that the child's death is, and how it died."""
     lines = (box / "output.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = lines[-1].strip()[:200] if lines else ""
     if any(sign in line for line in lines for sign in _OUT_OF_MEMORY):
-        return f"needs more than the {memory / 2**30:.1f} GiB of memory that were free ({last})"
+        return MemoryShortageError, f"needs more than the {memory / 2**30:.1f} GiB of memory that were free ({last})"
     ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-    return f"{ended} ({last})" if last else ended
+    return StageError, f"{ended} ({last})" if last else ended
 
 
 def _serve(box: Path) -> None:

@@ -22,7 +22,13 @@ from filelock import FileLock, Timeout
 
 from scaffold_pipeline.artifacts import Artifact, Metrics
 from scaffold_pipeline.cache import Cache, Sharing
-from scaffold_pipeline.errors import PipelineError, PipelineWarning, StageDefinitionError, StageError
+from scaffold_pipeline.errors import (
+    MemoryShortageError,
+    PipelineError,
+    PipelineWarning,
+    StageDefinitionError,
+    StageError,
+)
 from scaffold_pipeline.memory import PeakMemory
 from scaffold_pipeline.plan import Plan, Step
 from scaffold_pipeline.records import StepRecord, config_hash, input_files, step_key
@@ -323,7 +329,7 @@ def _call(step: Step, arguments: Mapping[str, object]) -> tuple[Artifact, tuple[
         except PipelineError as error:
             raise _told_of(error, step) from error
         except MemoryError as error:
-            raise StageError(f"{step.label}: ran out of memory; use larger voxels or cells") from error
+            raise MemoryShortageError(f"{step.label}: ran out of memory; use larger voxels or cells") from error
         except Exception as error:
             kind = " ".join(f"{type(error).__name__}: {error}".split())
             raise StageError(f"{step.label}: failed unexpectedly: {kind}; --debug shows where") from error
@@ -335,7 +341,7 @@ def _call(step: Step, arguments: Mapping[str, object]) -> tuple[Artifact, tuple[
 
 
 def _told_of(error: PipelineError, step: Step) -> PipelineError:
-    kind = type(error) if type(error) in {StageError, StageDefinitionError} else StageError
+    kind = type(error) if type(error) in {MemoryShortageError, StageError, StageDefinitionError} else StageError
     return kind(f"{step.label}: {error}")
 
 

@@ -2,41 +2,49 @@
 
 from __future__ import annotations
 
+import sys
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
-from scaffold_pipeline.memory import available_memory
-
 MOST_DEATHS = 2
-"""A task whose worker dies is tried again, alone, once: it may have been the memory that another task took."""
+"""A task whose worker dies is tried again, alone, once: it may have been the memory that another task took. So is one
+that has not had the memory that it needs while another ran beside it."""
 
 _USUAL_PEAK = 2**30
-"""Bytes that a task is taken to need until one has told what it needed."""
+"""Bytes that a task is taken to need where neither it nor one that has ended tells more."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """Something to do, and the hashes of all pieces of work in it: a piece that two have in common is done once."""
+    """Something to do, and the hashes of all pieces of work in it: a piece that two have in common is done once.
+
+    `memory` are the bytes that it is expected to need, 0 where nothing is known.
+    """
 
     name: str
     pieces: frozenset[str]
+    memory: int = 0
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task: the error that ended it, or None, the most memory that it had, bytes, and warnings."""
+    """What became of a task: the error that ended it, or None, the most memory that it had, bytes, and warnings.
+
+    `lacks_memory` tells that the error was one of too little memory.
+    """
 
     error: str | None = None
     peak_memory_bytes: int = 0
     warnings: tuple[str, ...] = ()
+    lacks_memory: bool = False
 
 
 @dataclass
 class Schedule:
-    """Tasks on their way through an executor: `workers` at once at most, and no more than fit into memory.
+    """Tasks on their way through an executor: `workers` at once at most, and no more than fit into `memory` bytes.
 
     `do` is what a worker calls with a task's name; `ended` is told each outcome. After a failure nothing new is
     started unless `keep_going`.
@@ -46,10 +54,11 @@ class Schedule:
     ended: Callable[[str, Outcome], None]
     workers: int
     keep_going: bool = False
-    memory: int = field(default_factory=available_memory)
+    memory: int = sys.maxsize
     _peak: int = 0
     _made: set[str] = field(default_factory=set)
     _deaths: Counter[str] = field(default_factory=Counter)
+    _accompanied: set[str] = field(default_factory=set)
     _is_stopped: bool = False
 
     def run(self, tasks: Iterable[Task], start: Callable[[], AbstractContextManager[Executor]]) -> None:
@@ -64,28 +73,39 @@ class Schedule:
         running: dict[Future[Outcome], Task] = {}
         is_broken = False
         while running or (pending and not is_broken and not self._is_stopped):
-            while pending and not is_broken and self._may_start(pending, len(running)):
+            while pending and not is_broken:
                 task = self._choose(pending, running.values())
+                if not self._may_start(task, running.values()):
+                    break
                 try:
                     running[executor.submit(self.do, task.name)] = task
                     pending.remove(task)
                 except BrokenExecutor:
                     is_broken = True
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
+            if len(running) > 1:
+                self._accompanied.update(task.name for task in running.values())
+            done = wait(running, return_when=FIRST_COMPLETED).done
+            for future in [future for future in running if future in done]:
                 task = running.pop(future)
                 if isinstance(future.exception(), BrokenExecutor):
                     is_broken = True
                     pending += self._after_death(task)
+                elif self._may_fit_alone(task, future.result()):
+                    self._deaths[task.name] += 1
+                    pending.append(task)
                 else:
                     self._end(task, future.result())
         return pending
 
-    def _may_start(self, pending: Collection[Task], count: int) -> bool:
-        """Return whether another may start beside the `count` that run."""
-        if self._is_stopped or count >= self.workers:
+    def _may_start(self, task: Task, running: Collection[Task]) -> bool:
+        """Return whether `task`, which is chosen to be next, may start beside those that run."""
+        if self._is_stopped or len(running) >= self.workers:
             return False
-        is_suspect_left = any(self._deaths[task.name] for task in pending)
-        return count == 0 or not (is_suspect_left or (self._peak or _USUAL_PEAK) * (count + 1) > self.memory)
+        needed = sum(max(each.memory, self._peak) or _USUAL_PEAK for each in (task, *running))
+        return not running or (not self._deaths[task.name] and needed <= self.memory)
+
+    def _may_fit_alone(self, task: Task, outcome: Outcome) -> bool:
+        return outcome.lacks_memory and task.name in self._accompanied and not self._deaths[task.name]
 
     def _choose(self, pending: list[Task], running: Collection[Task]) -> Task:
         """Return the task that would have to wait least for pieces that are being made, the first of equals."""

@@ -21,8 +21,7 @@ from typing import Any, BinaryIO
 
 from scaffold_pipeline.cache import Cache
 from scaffold_pipeline.config import read_draft
-from scaffold_pipeline.cores import core_count
-from scaffold_pipeline.errors import PipelineError, lines_and_code
+from scaffold_pipeline.errors import MemoryShortageError, PipelineError, lines_and_code
 from scaffold_pipeline.plan import make_plan
 from scaffold_pipeline.records import config_hash, recipes
 from scaffold_pipeline.report.publish import environment, publish
@@ -32,7 +31,7 @@ from scaffold_pipeline.store import Store, write_atomically
 from scaffold_pipeline.study_file import Point, Study
 from scaffold_pipeline.study_page import write_page
 from scaffold_pipeline.study_table import FAILURE, PointState, read_state, write_json, write_results
-from scaffold_pipeline.workers import interruptible, local_workers
+from scaffold_pipeline.workers import Crew, interruptible, local_crew
 from scaffold_pipeline.yaml_source import to_yaml
 
 POINTS = "points"
@@ -46,7 +45,8 @@ _WRITE_EVERY = 5.0
 class Site:
     """A point and what is known before it runs: its resolved config, and for each label a hash of all behind it.
 
-    `unchanged` are the labels whose results are stored.
+    `unchanged` are the labels whose results are stored; `memory` is the most, bytes, that stages of the others' names
+    have had in earlier runs, 0 where there were none.
     """
 
     point: Point
@@ -55,6 +55,7 @@ class Site:
     config_sha256: str
     recipes: Mapping[str, str]
     unchanged: frozenset[str]
+    memory: int
 
     @property
     def state(self) -> PointState:
@@ -82,7 +83,9 @@ class Watcher:
 
 def survey(study: Study, out: Path, cache: Cache | None = None) -> list[Site]:
     """Return all points with what is stored of each; reads the folders and writes nothing."""
-    return [_site(point, out, cache or own_cache(out)) for point in study.points]
+    used = cache or own_cache(out)
+    peaks = used.peaks()
+    return [_site(point, out, used, peaks) for point in study.points]
 
 
 def own_cache(out: Path) -> Cache:
@@ -95,10 +98,11 @@ def work_left(sites: Iterable[Site]) -> int:
     return len(frozenset[str]().union(*(site.work for site in sites)))
 
 
-def _site(point: Point, out: Path, cache: Cache) -> Site:
+def _site(point: Point, out: Path, cache: Cache, peaks: Mapping[str, int]) -> Site:
     plan, folder = point.plan(), out.resolve() / POINTS / point.name
     unchanged = frozenset(unchanged_labels(plan, folder, cache=cache))
-    return Site(point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged)
+    memory = max((peaks.get(step.stage.name, 0) for step in plan.steps if step.label not in unchanged), default=0)
+    return Site(point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged, memory)
 
 
 def run_study(
@@ -106,23 +110,24 @@ def run_study(
     out: Path,
     *,
     cache: Cache | None = None,
-    workers: int | None = None,
+    hire: Callable[[int], Crew] = local_crew,
     keep_going: bool = False,
     watcher: Watcher | None = None,
 ) -> list[PointState]:
-    """Run the points that are not done yet, `workers` at once, one a core by default; return the state of all.
+    """Run the points that are not done yet by the crew that `hire` gives for their number; return the state of all.
 
     The table and the record are written now and then, and at the end, however it comes; the page when all have ended.
     After a point has failed those that run are finished and no other is started, unless `keep_going`.
     """
     with locked(out):
         bench = _Bench(study, out, survey(study, out, cache), watcher or Watcher())
-        count = workers or max(1, min(core_count(), len(bench.left)))
+        crew = hire(len(bench.left))
         shared = cache or own_cache(out)
-        bench.prepare(shared, count)
-        schedule = Schedule(partial(run_point, out.resolve() / POINTS, shared.root), bench.ended, count, keep_going)
+        bench.prepare(shared, crew.size)
+        do = partial(run_point, out.resolve() / POINTS, shared.root)
+        schedule = Schedule(do, bench.ended, crew.size, keep_going, crew.memory)
         try:
-            schedule.run(bench.tasks(), partial(local_workers, count))
+            schedule.run(bench.tasks(), crew.start)
         finally:
             bench.write()
         states = list(bench.states.values())
@@ -139,7 +144,7 @@ def run_point(points: Path, cache: Path, name: str) -> Outcome:
             result = execute(plan, folder, cache=Cache(cache))
             publish(plan, result, folder)
     except Exception as error:  # noqa: BLE001 - one point never ends the others
-        return Outcome(lines_and_code(error)[0])
+        return Outcome(lines_and_code(error)[0], lacks_memory=isinstance(error, MemoryShortageError))
     return Outcome(None, max(step.peak_memory_bytes for step in result.steps), result.warnings)
 
 
@@ -173,7 +178,7 @@ class _Bench:
         self.write()
 
     def tasks(self) -> list[Task]:
-        return [Task(name, site.work) for name, site in self.left.items()]
+        return [Task(name, site.work, site.memory) for name, site in self.left.items()]
 
     def ended(self, name: str, outcome: Outcome) -> None:
         """Keep what became of a point."""

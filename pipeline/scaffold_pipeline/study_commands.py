@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,6 +40,7 @@ def study(  # noqa: PLR0913 - one argument an option
     out: Path | None = None,
     settings: Settings = [],  # noqa: B006 - cyclopts reads it, nothing writes it
     workers: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
+    scheduler: str | None = None,
     keep_going: bool = False,
     dry_run: DryRun = False,
     yes: bool = False,
@@ -56,6 +58,8 @@ def study(  # noqa: PLR0913 - one argument an option
         The study's folder; studies/NAME by default.
     workers
         Points that run at once, sharing the cores; by default one a core, and no more than fit into memory.
+    scheduler
+        Address of a Dask scheduler whose workers see the study's folder: they run the points, by default one each.
     keep_going
         Go on with the other points after one has failed.
     dry_run
@@ -63,16 +67,19 @@ def study(  # noqa: PLR0913 - one argument an option
     yes
         Take on a study of thousands of points.
     """
+    from scaffold_pipeline.cluster import cluster_crew
     from scaffold_pipeline.console import watch_study
     from scaffold_pipeline.study import run_study, survey
     from scaffold_pipeline.study_file import read_study
+    from scaffold_pipeline.workers import local_crew
 
     asked = read_study(study_file, settings, may_be_large=yes)
     folder, shared = out or Path("studies", asked.name), chosen_cache(cache_folder)
     if dry_run:
         return _tell_outlook(survey(asked, folder, shared), as_json=as_json)
+    hire = partial(cluster_crew, scheduler, count=workers) if scheduler else partial(local_crew, count=workers)
     with watch_study(quiet=quiet or as_json) as watcher:
-        states = run_study(asked, folder, cache=shared, workers=workers, keep_going=keep_going, watcher=watcher)
+        states = run_study(asked, folder, cache=shared, hire=hire, keep_going=keep_going, watcher=watcher)
     if shared is not None:
         shared.prune()
     return _tell_end(folder, states, quiet=quiet, as_json=as_json)

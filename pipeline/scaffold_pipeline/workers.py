@@ -5,20 +5,38 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.process import BaseProcess
 from types import FrameType
 
 from scaffold_pipeline.cores import core_count, threads_of_children
 from scaffold_pipeline.isolation import die_with_parent
+from scaffold_pipeline.memory import available_memory
 
 _GRACE = 5.0
 """Seconds that an interrupted worker has to put its things in order before it is ended."""
 
 _is_worker = False
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who works on points: so many at once at most, in so many bytes of memory, in executors that `start` makes."""
+
+    size: int
+    memory: int
+    start: Callable[[], AbstractContextManager[Executor]]
+
+
+def local_crew(most: int, count: int | None = None) -> Crew:
+    """Return `count` processes of this machine; by default one a core, `most` at most."""
+    size = max(1, count or min(core_count(), most))
+    return Crew(size, available_memory(), partial(local_workers, size))
 
 
 @contextmanager

@@ -70,7 +70,7 @@ class TetrahedraliseParams(Params):
         return self
 
 
-@stage(writes="mesh", version=2, libraries=("pytetwild", "scipy"))
+@stage(writes="mesh", version=2, libraries=("pytetwild", "scipy"), repeatable=False)
 def tetrahedralise(outer: OuterShape, *, params: TetrahedraliseParams) -> VolumeMesh:
     """Fill the outer shape with tetrahedra whose mean edge is the one asked for.
 

@@ -13,7 +13,7 @@ import psutil
 import pytest
 
 from pipeline.workplace import wait_for
-from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.errors import MemoryShortageError, StageError
 from scaffold_pipeline.isolation import Arrays, call_in_child
 
 WORK = """
@@ -161,5 +161,5 @@ def test_a_child_ends_with_its_killed_parent(tmp_path: Path):
 def test_a_child_gets_no_more_memory_than_is_free(work: ModuleType, monkeypatch: pytest.MonkeyPatch):
     assert call(work.devour, gigabytes=1)["sum"] == 2**27
     monkeypatch.setattr("scaffold_pipeline.isolation.available_memory", lambda: 2**30)
-    with pytest.raises(StageError, match=r"more than the 1.0 GiB of memory that were free \(.*\); heel.stl"):
+    with pytest.raises(MemoryShortageError, match=r"more than the 1.0 GiB of memory that were free \(.*\); heel.stl"):
         call(work.devour, gigabytes=2)

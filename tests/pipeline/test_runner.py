@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.workplace import Project, harm, ran
 from scaffold_pipeline import records, runner
-from scaffold_pipeline.errors import PipelineError, StageDefinitionError, StageError
+from scaffold_pipeline.errors import MemoryShortageError, PipelineError, StageDefinitionError, StageError
 from scaffold_pipeline.plan import Plan
 from scaffold_pipeline.records import StepRecord
 from scaffold_pipeline.runner import RunResult, execute, unchanged_labels
@@ -217,7 +217,7 @@ def test_warnings_of_a_stage_are_kept_and_told_again_when_it_is_reused(project: 
     [
         ("stage_error", StageError, "fail: the points are too few, 4; give more"),
         ("error", StageError, "fail: failed unexpectedly: ValueError: two lines; --debug shows where"),
-        ("memory", StageError, "fail: ran out of memory; use larger voxels or cells"),
+        ("memory", MemoryShortageError, "fail: ran out of memory; use larger voxels or cells"),
         ("other_type", StageDefinitionError, "fail: returned a Metrics, but its annotation promises a Points"),
         ("nan", StageDefinitionError, "fail: the facts of its Odd cannot be stored as JSON: Out of range float values"),
         ("int64", StageDefinitionError, "fail: the facts of its Odd cannot be stored as JSON: Object of type int64"),

@@ -106,6 +106,35 @@ def test_no_more_are_started_than_fit_into_memory():
     assert len(ledger.ended) == 6
 
 
+def test_what_is_expected_to_need_much_is_started_alone_from_the_beginning():
+    todo = [Task(str(number), frozenset(), 3 * GIB) for number in range(4)]
+    ledger = run(todo, lambda _: Outcome(), workers=4, memory=5 * GIB)
+    assert (max(map(len, ledger.together)), len(ledger.ended)) == (1, 4)
+
+
+@pytest.mark.parametrize("second", [None, "no memory"])
+def test_what_lacks_memory_beside_another_is_tried_again_alone_once(second: str | None):
+    meeting = Barrier(2, timeout=20.0)
+    lacks = Outcome("no memory", lacks_memory=True)
+    outcomes = {"a": [Outcome()], "b": [lacks, Outcome(second, lacks_memory=bool(second))], "c": [Outcome()]}
+
+    def work(name: str) -> Outcome:
+        if name == "a" or (name == "b" and len(outcomes["b"]) == 2):
+            meeting.wait()
+        return outcomes[name].pop(0)
+
+    ledger = Ledger()
+    Schedule(ledger.working(work), ledger.end, workers=2, keep_going=True).run(tasks(a="", b="", c=""), threads)
+    again = ledger.started.index("b", ledger.started.index("b") + 1)
+    assert ledger.together[again] == {"b"}
+    assert {name: outcome.error for name, outcome in ledger.ended.items()} == {"a": None, "b": second, "c": None}
+
+
+def test_what_lacks_memory_alone_fails_at_once():
+    ledger = run(tasks(a=""), lambda _: Outcome("no memory", lacks_memory=True), workers=2)
+    assert (ledger.started, ledger.ended["a"].error) == (["a"], "no memory")
+
+
 def test_one_is_started_however_little_memory_there_is():
     ledger = run(tasks(a="", b=""), lambda _: Outcome(), workers=2, memory=0)
     assert (max(map(len, ledger.together)), list(ledger.ended)) == (1, ["a", "b"])

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from pipeline.workplace import Project, harm
-from scaffold_pipeline import study as study_module
+from scaffold_pipeline import workers
 from scaffold_pipeline.cores import core_count, thread_count, threads_of_children
 from scaffold_pipeline.store import hash_file
 
@@ -53,7 +53,7 @@ def inline(monkeypatch: pytest.MonkeyPatch) -> None:
     def executor(_: int) -> Iterator[Executor]:
         yield Inline()
 
-    monkeypatch.setattr(study_module, "local_workers", executor)
+    monkeypatch.setattr(workers, "local_workers", executor)
 
 
 @pytest.fixture

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from scaffold_pipeline.artifacts import Artifact, Fact, Floats, Metrics
 from scaffold_pipeline.contract import Follows, InputFile, Millimetres, Params, Unit, stage
+from scaffold_pipeline.cores import thread_count
 from scaffold_pipeline.errors import PipelineWarning, StageError
 
 
@@ -208,7 +209,7 @@ class CastPointsParams(Params):
     """How long it takes."""
 
 
-@stage(writes="points", version=1)
+@stage(writes="points", version=1, repeatable=False)
 def cast_points(*, params: CastPointsParams) -> Points:
     """Make points that are others at each call, as some libraries do."""
     with Path(params.log).open("a", encoding="utf-8") as stream:
@@ -247,3 +248,23 @@ class SolvePointsParams(Params):
 def solve_points(points: Points, *, params: SolvePointsParams, rng: np.random.Generator) -> Points:  # noqa: ARG001
     """Make points of a dense system's solution, whose last digits depend on the number of BLAS threads."""
     return Points(np.linalg.solve(rng.normal(size=(400, 400)), np.ones((400, 3))))
+
+
+class SwayPointsParams(Params):
+    """Parameters of `sway_points`."""
+
+
+@stage(writes="points", version=1)
+def sway_points(points: Points, *, params: SwayPointsParams) -> Points:  # noqa: ARG001
+    """Move points by what the environment says, as a stage must not."""
+    return Points(points.places + float(os.environ.get("SWAY", "0")))
+
+
+class TellThreadsParams(Params):
+    """Parameters of `tell_threads`."""
+
+
+@stage(writes="points", version=1)
+def tell_threads(points: Points, *, params: TellThreadsParams) -> Points:  # noqa: ARG001
+    """Make as many points as there are threads for compiled code, as a stage must not."""
+    return Points(np.zeros((thread_count(), 3)))
