@@ -17,7 +17,7 @@ def faults_of(project: Project, text: str) -> list[str]:
     [
         (
             "[{use: scatter_points}]",
-            "reads slot 'points', which no stage before it writes; add one of: make_points, read_points",
+            "reads slot 'points', which no stage before it writes; add one of: cast_points, make_points, read_points",
         ),
         (
             "[{use: scatter_points}, {use: make_points}]",
