@@ -8,7 +8,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, VolumeMesh
+from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._kernels import triangles
 from scaffold_stages._volumes import lattices
 

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import CellMesh, Fact, Floats, Ints, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import CellMesh, Fact, Floats, Ints, OuterShape
 from scaffold_pipeline.contract import Unit, stage
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
 from scaffold_stages._fields.mesh_field import MeshField, sampled_field
 from scaffold_stages._fields.sampling import SamplingParams, Voxels

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, ScalarField
+from scaffold_pipeline.artifacts import OuterShape, PlanarMesh
 from scaffold_pipeline.contract import Params, Share, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.fields import ScalarField
 from scaffold_pipeline.polygons import Contour, Polygons
 from scaffold_stages._kernels import sections
 from scaffold_stages._kernels.sections import Region

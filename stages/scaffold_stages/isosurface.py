@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface, OuterShape
 from scaffold_pipeline.contract import Follows, Millimetres, Params, Share, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._kernels.contours import iso_surface
 from scaffold_stages._kernels.grids import samples_inside
 

@@ -8,19 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 from pydantic import Field, field_validator
 
-from scaffold_pipeline.artifacts import (
-    Fact,
-    Floats,
-    IsoSurface,
-    Metrics,
-    OuterShape,
-    ScalarField,
-    Solid,
-    SurfaceMesh,
-    VolumeMesh,
-)
+from scaffold_pipeline.artifacts import Fact, Floats, IsoSurface, Metrics, OuterShape, Solid, SurfaceMesh, VolumeMesh
 from scaffold_pipeline.contract import Millimetres, Params, Share, stage
 from scaffold_pipeline.errors import PipelineWarning
+from scaffold_pipeline.fields import ScalarField
 
 _ON_OUTER = 1e-3
 """A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Certificate, Fact, Metrics, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import Fact, Metrics, OuterShape
 from scaffold_pipeline.contract import Params, Share, Unit, stage
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_stages._kernels.grids import Bools, samples_inside
 
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Certificate, Fact, Metrics, PlanarMesh, ScalarField, Solid, SurfaceMesh
+from scaffold_pipeline.artifacts import Fact, Metrics, PlanarMesh, Solid, SurfaceMesh
 from scaffold_pipeline.contract import Params, Share, stage
+from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_pipeline.polygons import Contour
 
 

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import CellMesh, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import CellMesh, OuterShape
 from scaffold_pipeline.contract import Unit, stage
+from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
 from scaffold_stages._fields.mesh_field import MeshField, sampled_field
 from scaffold_stages._fields.sampling import SamplingParams

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Floats, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import Floats, OuterShape
 from scaffold_pipeline.contract import Millimetres, Params, Share, Unit, stage
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._fields.sampling import SamplingParams, Voxels, voxels_over
 from scaffold_stages._kernels.point_files import read_points
 

@@ -7,14 +7,8 @@ import numpy as np
 import pytest
 
 from pipeline.workplace import harm
-from scaffold_pipeline.artifacts import (
-    Artifact,
-    Certificate,
-    Metrics,
-    OuterShape,
-    ScalarField,
-    VolumeMesh,
-)
+from scaffold_pipeline.artifacts import Artifact, Metrics, OuterShape, VolumeMesh
+from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_pipeline.store import (
     DamagedStoreError,
     Store,

@@ -27,10 +27,11 @@ from kernels.oracle import (
     to_segment,
 )
 from kernels.shepard_oracle import extremes, graded, jittered, mixed, net_of, oriented, shepard, tetrahedra
-from scaffold_pipeline.artifacts import OuterShape, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
 from scaffold_pipeline.cell_types import CELL_TYPES
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._fields import interpolation, sampling
 from scaffold_stages._kernels.skeleton import skeleton_of
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, ScalarField
+from scaffold_pipeline.artifacts import OuterShape, PlanarMesh
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.fields import ScalarField
 from scaffold_pipeline.polygons import Contour
 from scaffold_stages._kernels import sections
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_pipeline.artifacts import IsoSurface, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import IsoSurface, OuterShape
 from scaffold_pipeline.contract import Follows, stage_from_function
 from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._kernels import solids
 from scaffold_stages.isosurface import TOLERANCE, IsosurfaceParams, isosurface
 from shapes import ball, box, gyroid, outer_of, require_closed, samples_over

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scaffold_pipeline.artifacts import Certificate, Metrics, ScalarField, Solid
+from scaffold_pipeline.artifacts import Metrics, Solid
 from scaffold_pipeline.contract import stage_from_function
+from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_pipeline.polygons import Contour, Polygons
 from scaffold_stages._kernels.sections import prism
 from scaffold_stages.measure_plate import MeasurePlateParams, measure_plate

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.artifacts import CellMesh, Certificate, Fact, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import CellMesh, Fact, OuterShape
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_stages._fields.sampling import SamplingParams, Voxels, voxels_over
 from scaffold_stages._kernels.point_files import read_points
 
