@@ -25,7 +25,7 @@ MOST_SECONDS = 600.0
 CELLS, MOST_CELLS = 200, 5000  # of a surface, which has more where it is thinner than an edge
 CELL_VOLUME = 0.109  # of such a cell, in cubes of its mean edge
 FINENESS = 16.0  # voxels to a mean edge
-MOST_VOXELS = 8e6  # of the bounding box: a volume mesh of tens of thousands of cells has coarser ones
+MOST_VOXELS = 3e6  # of the bounding box: a volume mesh of tens of thousands of cells has coarser ones, and minutes
 SMALLEST = 2.0  # mm: what is smaller is taken to be in metres
 CLEAR = {1: "refused", 2: "refused", 3: "gate failed"}
 
