@@ -24,7 +24,7 @@ Ints: TypeAlias = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Artifact:
-    """Base of what a slot can hold. Fields are arrays, facts, tuples of facts, or artifacts."""
+    """Base of what a slot can hold. Fields are arrays, facts, artifacts, or tuples of facts or artifacts."""
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -264,23 +264,6 @@ class Solid(SurfaceMesh):
     def summary(self) -> dict[str, Fact]:
         """Return the surface's facts and what the clip did."""
         return {**super().summary(), "pore_pieces": len(self.pore_volumes), **self.facts}
-
-
-@dataclass(frozen=True, eq=False)
-class Metrics(Artifact):
-    """What was measured on the finished solid, and the quality gates that it failed, one line a gate.
-
-    Without `has_gates` nothing was judged, so that nothing has passed.
-    """
-
-    values: Mapping[str, Fact]
-    failed_gates: tuple[str, ...] = ()
-    has_gates: bool = True
-
-    def summary(self) -> dict[str, Fact]:
-        """Return the metrics and the verdict."""
-        passed = "pass" if self.has_gates else "not measured"
-        return {**self.values, "quality": list(self.failed_gates) or passed}
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,7 @@ _FORMATS = {".yaml": "application/yaml", ".3mf": "model/3mf"}
 
 _DESCRIPTIONS = {
     "config.yaml": "The configuration, with every default written out",
+    "measures.json": "Distributions, curves and places of what was measured",
     "metrics.json": "What was measured",
     "report.html": "The result on one page",
     RECORD: "The record: seeds, versions, and the hash of every input, result and file",

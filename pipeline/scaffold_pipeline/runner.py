@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from filelock import FileLock, Timeout
 
-from scaffold_pipeline.artifacts import Artifact, Metrics
+from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.cache import Cache, Sharing
 from scaffold_pipeline.errors import (
     MemoryShortageError,
@@ -29,6 +29,7 @@ from scaffold_pipeline.errors import (
     StageDefinitionError,
     StageError,
 )
+from scaffold_pipeline.measurements import Metrics
 from scaffold_pipeline.memory import PeakMemory
 from scaffold_pipeline.plan import Plan, Step
 from scaffold_pipeline.records import StepRecord, config_hash, input_files, step_key
@@ -37,7 +38,7 @@ from scaffold_pipeline.store import OUT_PREFIX, DamagedStoreError, Store
 STORE = ".store"
 """Folder of a run directory that holds the results of its stages."""
 
-OWN_FILES = frozenset({"config.yaml", "metrics.json", "report.html", "run.json"})
+OWN_FILES = frozenset({"config.yaml", "measures.json", "metrics.json", "report.html", "run.json"})
 """Files of a run directory that are written by no stage."""
 
 

@@ -250,6 +250,8 @@ class Store:
             return {"array": digest}
         if isinstance(value, Artifact):
             return {"artifact": self._manifest(value)}
+        if isinstance(value, tuple) and value and all(isinstance(entry, Artifact) for entry in value):
+            return {"artifacts": [self._manifest(entry) for entry in value]}
         if isinstance(value, tuple):
             return {"tuple": list(value)}
         return {"value": dict(value) if isinstance(value, Mapping) else value}
@@ -266,6 +268,8 @@ class Store:
             return self._load_array(entry["array"])
         if "artifact" in entry:
             return self._restore(entry["artifact"])
+        if "artifacts" in entry:
+            return tuple(self._restore(manifest) for manifest in entry["artifacts"])
         return tuple(entry["tuple"]) if "tuple" in entry else entry["value"]
 
     def _load_array(self, digest: str, mmap_mode: Literal["r"] | None = None) -> NDArray[Any]:
@@ -291,4 +295,5 @@ def hash_array(values: NDArray[Any]) -> str:
 def _array_hashes(manifest: dict[str, Any]) -> list[str]:
     entries = manifest["fields"].values()
     own = [entry["array"] for entry in entries if "array" in entry]
-    return own + [digest for entry in entries if "artifact" in entry for digest in _array_hashes(entry["artifact"])]
+    nested = [manifest for entry in entries for manifest in entry.get("artifacts", [entry.get("artifact")]) if manifest]
+    return own + [digest for manifest in nested for digest in _array_hashes(manifest)]

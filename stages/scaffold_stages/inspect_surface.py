@@ -6,10 +6,11 @@ from typing import Literal
 
 import numpy as np
 
-from scaffold_pipeline.artifacts import Fact, Metrics
+from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.contract import InputFile, Params, stage
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.isolation import call_in_child
+from scaffold_pipeline.measurements import Metrics
 from scaffold_stages._kernels import surface_files, triangles
 from scaffold_stages._kernels.triangles import Floats, Ints
 from scaffold_stages._surfaces import crossings

@@ -8,10 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 from pydantic import Field, field_validator
 
-from scaffold_pipeline.artifacts import Fact, Floats, IsoSurface, Metrics, OuterShape, Solid, SurfaceMesh, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, Floats, IsoSurface, OuterShape, Solid, SurfaceMesh, VolumeMesh
 from scaffold_pipeline.contract import Millimetres, Params, Share, stage
 from scaffold_pipeline.errors import PipelineWarning
 from scaffold_pipeline.fields import ScalarField
+from scaffold_pipeline.measurements import Metrics
 
 _ON_OUTER = 1e-3
 """A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""

@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Fact, Metrics, PlanarMesh, Solid, SurfaceMesh
+from scaffold_pipeline.artifacts import Fact, PlanarMesh, Solid, SurfaceMesh
 from scaffold_pipeline.contract import Params, Share, stage
 from scaffold_pipeline.fields import Certificate, ScalarField
+from scaffold_pipeline.measurements import Metrics
 from scaffold_pipeline.polygons import Contour
 
 

@@ -5,7 +5,6 @@ import pytest
 
 from scaffold_pipeline.artifacts import (
     IsoSurface,
-    Metrics,
     OuterShape,
     PlanarMesh,
     Solid,
@@ -15,6 +14,7 @@ from scaffold_pipeline.artifacts import (
 )
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.fields import Certificate, ScalarField
+from scaffold_pipeline.measurements import Metrics
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 OUTWARD = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

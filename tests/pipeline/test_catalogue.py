@@ -55,8 +55,8 @@ def test_a_default_that_is_made_is_told_as_what_it_is(install: Callable[..., Non
         "factory_package",
         """
         from pydantic import Field
-        from scaffold_pipeline.artifacts import Metrics
         from scaffold_pipeline.contract import Millimetres, Params, stage
+        from scaffold_pipeline.measurements import Metrics
 
         class Factory(Params):
             names: list[str] = Field(default_factory=lambda: ["a"])

@@ -11,8 +11,8 @@ from scaffold_pipeline.registry import load_stage, stage_names
 Install = Callable[..., None]
 
 STAGE = """
-    from scaffold_pipeline.artifacts import Metrics
     from scaffold_pipeline.contract import Params, stage
+    from scaffold_pipeline.measurements import Metrics
 
     class Nothing(Params):
         pass

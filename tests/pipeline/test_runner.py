@@ -221,7 +221,7 @@ def test_warnings_of_a_stage_are_kept_and_told_again_when_it_is_reused(project: 
         ("other_type", StageDefinitionError, "fail: returned a Metrics, but its annotation promises a Points"),
         ("nan", StageDefinitionError, "fail: the facts of its Odd cannot be stored as JSON: Out of range float values"),
         ("int64", StageDefinitionError, "fail: the facts of its Odd cannot be stored as JSON: Object of type int64"),
-        ("folder", StageDefinitionError, "fail: `out` may hold plain files, not called config.yaml, metrics.json"),
+        ("folder", StageDefinitionError, "fail: `out` may hold plain files, not called config.yaml, measures.json"),
     ],
 )
 def test_a_failure_is_one_line_that_names_the_stage(
@@ -240,7 +240,7 @@ def test_what_was_finished_before_a_failure_is_not_run_again(project: Project):
     assert ran(project.execute(text.replace("HOW", "nothing"))) == ["fail"]
 
 
-@pytest.mark.parametrize("name", ["run.json", "metrics.json", "config.yaml", "report.html", ".hidden"])
+@pytest.mark.parametrize("name", ["run.json", "metrics.json", "measures.json", "config.yaml", "report.html", ".hidden"])
 def test_a_stage_may_not_write_the_engine_s_own_files(project: Project, name: str):
     with pytest.raises(StageDefinitionError, match=f"write_points: `out` may hold .*, got {name}"):
         project.execute(f"stages: [{{use: make_points}}, {{use: write_points, names: [{name}]}}]")

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from pipeline.workplace import harm
-from scaffold_pipeline.artifacts import Artifact, Metrics, OuterShape, VolumeMesh
+from scaffold_pipeline.artifacts import Artifact, OuterShape, VolumeMesh
 from scaffold_pipeline.fields import Certificate, ScalarField
+from scaffold_pipeline.measurements import Finding, Histogram, Metrics
 from scaffold_pipeline.store import (
     DamagedStoreError,
     Store,
@@ -28,7 +29,18 @@ FIELD = ScalarField(
     Certificate(np.array([0.1]), np.array([0.2, 0.3])),
     {"basis": "gaussian", "supports": 3, "exact": False, "limit": None},
 )
-EACH = [SHAPE, FIELD, VolumeMesh(CORNERS, np.array([[0, 1, 2, 3]])), Metrics({"porosity": 0.1 + 0.2}, ("a", "b"))]
+MEASURED = Metrics(
+    {},
+    histograms=(Histogram("strut", "Struts", "mm", np.array([0.0, 1.0, 2.0]), np.array([0.25, 0.75])),),
+    findings=(Finding("overhang", "hangs", np.array([[1.0, 2.0, 3.0]])), Finding("size", "too large")),
+)
+EACH = [
+    SHAPE,
+    FIELD,
+    VolumeMesh(CORNERS, np.array([[0, 1, 2, 3]])),
+    Metrics({"porosity": 0.1 + 0.2}, ("a", "b")),
+    MEASURED,
+]
 
 
 @pytest.fixture
@@ -38,15 +50,12 @@ def store(tmp_path: Path) -> Store:
     return store
 
 
-def content(artifact: Artifact) -> dict[str, object]:
-    return {
-        name: content(value)
-        if isinstance(value, Artifact)
-        else (value.dtype.str, value.tolist())
-        if isinstance(value, np.ndarray)
-        else value
-        for name, value in vars(artifact).items()
-    }
+def content(value: object) -> object:
+    if isinstance(value, Artifact):
+        return {name: content(part) for name, part in vars(value).items()}
+    if isinstance(value, tuple):
+        return [content(part) for part in value]
+    return (value.dtype.str, value.tolist()) if isinstance(value, np.ndarray) else value
 
 
 @pytest.mark.parametrize("artifact", EACH, ids=lambda artifact: type(artifact).__name__)

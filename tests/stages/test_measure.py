@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scaffold_pipeline.artifacts import IsoSurface, Metrics, Solid
+from scaffold_pipeline.artifacts import IsoSurface, Solid
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.fields import Certificate, ScalarField
+from scaffold_pipeline.measurements import Metrics
 from scaffold_stages._kernels import solids
 from scaffold_stages.measure import MeasureParams, _failed_interruptions, _failed_sizes, measure
 from shapes import box, hexahedra, inverted, outer_of, tetrahedra, together

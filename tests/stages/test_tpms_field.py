@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_pipeline.artifacts import Metrics, OuterShape, Solid
+from scaffold_pipeline.artifacts import OuterShape, Solid
 from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.fields import ScalarField
+from scaffold_pipeline.measurements import Metrics
 from scaffold_stages._fields import sampling
 from scaffold_stages._kernels.tpms import SURFACES
 from scaffold_stages.intersect_outer import IntersectOuterParams, intersect_outer

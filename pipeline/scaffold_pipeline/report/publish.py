@@ -34,6 +34,8 @@ from scaffold_pipeline.yaml_source import to_yaml
 
 RECORD = "run.json"
 METRICS = "metrics.json"
+MEASURES = "measures.json"
+"""Distributions, curves and findings: what is not a number under a key."""
 
 _STAGING = ".publish-"
 
@@ -47,6 +49,9 @@ def publish(plan: Plan, result: RunResult, out: Path) -> dict[str, Any]:
             store.copy_file(digest, staging / name)
         metrics = run_metrics(result)
         _write_json(staging / METRICS, metrics)
+        details = result.metrics.details() if result.metrics else {}
+        if any(details.values()):
+            _write_json(staging / MEASURES, details)
         (staging / "config.yaml").write_text(to_yaml(plan.resolved()), encoding="utf-8")
         record = _record(plan, result, staging)
         preview = staging / "preview.png"
