@@ -29,7 +29,7 @@ from scaffold_pipeline.command_line import (
 )
 from scaffold_pipeline.cores import use_one_blas_thread
 from scaffold_pipeline.errors import lines_and_code
-from scaffold_pipeline.provenance_commands import crate, verify
+from scaffold_pipeline.provenance_commands import crate, report, verify
 from scaffold_pipeline.study_commands import cache, study
 
 if TYPE_CHECKING:
@@ -227,6 +227,7 @@ def compare(
 app.command(study)
 app.command(cache)
 app.command(verify)
+app.command(report)
 app.command(crate)
 
 

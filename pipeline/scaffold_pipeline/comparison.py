@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from scaffold_pipeline.errors import ConfigError, Fault
-from scaffold_pipeline.report.publish import METRICS, RECORD
+from scaffold_pipeline.report.sources import METRICS, RECORD
 from scaffold_pipeline.report.wording import NOTHING
 from scaffold_pipeline.runner import OWN_FILES
 from scaffold_pipeline.study_table import read_json, to_cell

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.registry import load_stage
-from scaffold_pipeline.report.publish import RECORD
+from scaffold_pipeline.report.sources import RECORD, read_record
 from scaffold_pipeline.runner import STORE
 from scaffold_pipeline.store import Store, hash_file, write_atomically
 from scaffold_pipeline.study_table import STUDY_RECORD, TABLE, read_json
-from scaffold_pipeline.verification import read_record, require_files
+from scaffold_pipeline.verification import require_files
 
 if TYPE_CHECKING:
     from rocrate.model.entity import Entity

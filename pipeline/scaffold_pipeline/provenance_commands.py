@@ -1,4 +1,4 @@
-"""The commands on what is done: `verify`, whether it comes out the same again, and `crate`, to hand it on."""
+"""The commands on what is done: `verify`, whether it comes out the same again, `report`, its page, `crate`, to pass on."""
 
 from __future__ import annotations
 
@@ -48,6 +48,22 @@ def verify(
         return 0
     print(f"{folder}: {_difference(found)}", file=sys.stderr)
     return FAILED
+
+
+def report(
+    folder: Annotated[Path, Parameter(name="RUN_DIR")], /, *, quiet: Quiet = False, as_json: Json = False
+) -> int:
+    """Write report.html again from a run's record and files; nothing is computed again.
+
+    Parameters
+    ----------
+    folder
+        The folder of a finished run, or of a study's point.
+    """
+    from scaffold_pipeline.report.publish import publish_page
+
+    path = publish_page(folder)
+    return answer({"report": str(path)}, "" if quiet else f"wrote {path}", as_json=as_json)
 
 
 def crate(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from base64 import b64encode
 from collections import Counter
@@ -13,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
-from scaffold_pipeline.report.markup import document, section, table, text_of
+from scaffold_pipeline.report.markup import TABLES, document, harmless_json, section, table, text_of
 from scaffold_pipeline.report.wording import failed_gates, to_text
 from scaffold_pipeline.store import write_atomically
 from scaffold_pipeline.study_file import Study
@@ -138,7 +137,8 @@ def _page(study: Study, cards: Sequence[Card], contact_sheet: str) -> str:
         _PLOT,
         _data(titles, len(study.columns), rows),
     )
-    return document(study.name, sections, style=_STYLE, script=_SCRIPT.read_text(encoding="utf-8"))
+    script = TABLES.read_text(encoding="utf-8") + _SCRIPT.read_text(encoding="utf-8")
+    return document(study.name, sections, style=_STYLE, script=script)
 
 
 def _headline(study: Study, cards: Sequence[Card]) -> str:
@@ -198,11 +198,9 @@ def _shown(value: object) -> str:
 
 
 def _data(titles: Sequence[str], varied: int, rows: Sequence[Sequence[object]]) -> str:
-    """Return the table for the script; no text in it can end the element that holds it."""
+    """Return the table for the script."""
     plain = [[value if isinstance(value, int | float | None) else to_cell(value) for value in row] for row in rows]
-    text = json.dumps({"titles": titles, "varied": varied, "rows": plain}, ensure_ascii=False, allow_nan=False)
-    harmless = text.replace("<", "\\u003c")
-    return f'<script type="application/json" id="data">{harmless}</script>'
+    return harmless_json("data", {"titles": titles, "varied": varied, "rows": plain})
 
 
 _SHEET_LINK = f'<p class="meaning">As one picture: <a href="{SHEET}">{SHEET}</a></p>\n'
@@ -236,19 +234,10 @@ header ul { padding-left: 1.2rem; }
 .pictures img { max-height: none; padding: 0; border: 0; border-radius: 0; }
 .card h3 { margin: .5rem 0 0; font-size: 1rem; overflow-wrap: anywhere; }
 .card p { margin: .25rem 0 0; }
-a { color: var(--accent); }
 .points { font-size: .85rem; }
 .points th, .points td { padding-right: 1rem; overflow-wrap: break-word; }
 .points td:first-child { min-width: 12rem; }
 .points .long { width: 36rem; }
-.points button { padding: 0; border: 0; background: none; color: inherit; font: inherit; text-align: left;
-  cursor: pointer; }
-[aria-sort=ascending] button::after { content: " \\25B2"; }
-[aria-sort=descending] button::after { content: " \\25BC"; }
-input, select { max-width: 100%; padding: .2rem .4rem; border: 1px solid var(--line); border-radius: .25rem;
-  background: var(--panel); color: inherit; font: inherit; }
-:focus-visible { outline: 2px solid var(--accent); outline-offset: 2px; }
-svg line.grid { stroke: var(--line); stroke-width: 1; }
 polyline { fill: none; stroke: var(--own); stroke-width: 2.5; }
 circle { fill: var(--own); }
 .key { margin-left: .75rem; }

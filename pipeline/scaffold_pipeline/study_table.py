@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from scaffold_pipeline.artifacts import Fact
-from scaffold_pipeline.report.publish import METRICS, RECORD
+from scaffold_pipeline.report.sources import METRICS, RECORD
 from scaffold_pipeline.store import write_atomically
 
 TABLE = "table.csv"

@@ -5,7 +5,6 @@ What a library cannot repeat is taken from the run's store; all else is computed
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,8 @@ from scaffold_pipeline.config import read_draft
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.plan import Plan, Step, make_plan
 from scaffold_pipeline.records import StepRecord, input_files, step_key
-from scaffold_pipeline.report.publish import RECORD, environment
+from scaffold_pipeline.report.publish import environment
+from scaffold_pipeline.report.sources import RECORD, read_record
 from scaffold_pipeline.runner import STORE, Progress, execute
 from scaffold_pipeline.store import DamagedStoreError, Store, hash_file
 
@@ -83,21 +83,6 @@ def verify_run(folder: Path, progress: Progress | None = None) -> Verification:
             difference = error.difference
     versions = _changed_versions(record, [step.stage.name for step in plan.steps])
     return Verification(len(agreed), sum(agreed.values()), stored, versions, difference)
-
-
-def read_record(folder: Path) -> dict[str, Any]:
-    """Return the record of the finished run in `folder`; raises `PipelineError` where there is none."""
-    path = folder / RECORD
-    try:
-        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if all(key in record for key in ("stages", "files", "versions", "platform")):
-            return record
-    except FileNotFoundError as error:
-        remedy = "; name one of its points" if (folder / "study.json").is_file() else "; name the folder of a run"
-        raise PipelineError(f"{path}: there is no record of a finished run{remedy}") from error
-    except (ValueError, TypeError) as error:
-        raise PipelineError(f"{path}: cannot be read ({error}); run the config again") from error
-    raise PipelineError(f"{path}: is not the record of a run")
 
 
 def require_files(folder: Path, record: Mapping[str, Any]) -> None:

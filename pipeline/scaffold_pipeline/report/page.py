@@ -1,83 +1,71 @@
-"""A run's record as one self-contained HTML page: no script, no request, readable on paper too."""
+"""A run's record as one self-contained HTML page: it asks for nothing and reads on paper too.
+
+Its script turns the solid and sorts tables; all else is there without it.
+"""
 
 from __future__ import annotations
 
 import json
+import re
 from base64 import b64encode
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from scaffold_pipeline.artifacts import Fact
-from scaffold_pipeline.report.markup import document, folded, items, section, table, text_of
+from scaffold_pipeline.report import reproducing
+from scaffold_pipeline.report.gates import gate_list, judged
+from scaffold_pipeline.report.markup import TABLES, Number, document, folded, items, section, table, text_of
+from scaffold_pipeline.report.page_style import STYLE
+from scaffold_pipeline.report.plots import draw_curve, draw_histogram
+from scaffold_pipeline.report.results import highlights, results
+from scaffold_pipeline.report.sources import Sources
+from scaffold_pipeline.report.view import colour_of, draw_view, places_of, read_view
 from scaffold_pipeline.report.window import draw_window
 from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_duration, to_size, to_text
 
 _SHORT = 24
 """Characters of a fact that has a place in the line of its stage."""
 
-_UNITS = {
-    "area_mm2": "mm\u00b2",
-    "outer_volume_mm3": "mm\u00b3",
-    "volume_mm3": "mm\u00b3",
-    "voxel_size": "mm",
-}
+_MOST_BUTTONS = 24
+"""Places of a finding that the list leads to; the view marks more."""
+
+_VIEWER = Path(__file__).with_name("viewer.js")
+_PREVIEW = "preview.png"
+_WIDTH = re.compile(rb'<svg [^>]{0,100}\bwidth="([0-9.]{1,12})mm"')
+_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A line of the table of results: the metric it shows, and what that means in a sentence."""
-
-    title: str
-    key: str
-    meaning: str
-
-
-_RESULTS = (
-    Entry("Porosity", "porosity", "Share of the outer shape that is pore, measured on the written solid."),
-    Entry("Porosity asked for", "porosity_requested", "What the iso-value was solved for."),
-    Entry("Iso-value", "iso", "Solid is where the field is above it: pores grow as it grows."),
-    Entry("Channels closed", "channels_closed", "Passages from pore to pore that are shut at this iso-value."),
-    Entry("Struts broken", "struts_broken", "Mesh edges that are not solid all along at this iso-value."),
-    Entry("Pieces of solid", "solid_pieces", "One is what a printer wants; more are loose."),
-    Entry("Largest piece of solid", "solid_largest_fraction", "Its share of the solid's volume."),
-    Entry("Pieces of pore space", "pore_pieces", "One lets fluid and cells reach everywhere."),
-    Entry("Largest piece of pore space", "pore_largest_fraction", "Its share of the pore volume."),
-    Entry("Manifold", "is_manifold", "Whether the surface is closed, with two triangles at each edge."),
-    Entry("Volume of the solid", "volume_mm3", "What has to be printed."),
-    Entry("Volume of the outer shape", "outer_volume_mm3", "The anatomy before it was made porous."),
-    Entry("Area of the solid", "area_mm2", "Where cells can settle, the outer surface included."),
-    Entry("Triangles", "triangles", "Of the solid's surface."),
-    Entry("Cells", "cells", "Of the volume mesh; each holds one pore."),
-    Entry("Elements", "elements", "Points and segments that the field is interpolated from."),
-    Entry("Voxels", "voxels", "Samples of the field."),
-    Entry("Voxel size", "voxel_size", "Distance between samples: finer details are lost."),
-)
-
-
-def render_page(record: Mapping[str, Any], metrics: Mapping[str, Fact], preview_png: bytes | None) -> str:
-    """Return the page of a run: `record` as in `run.json`, `metrics` as in `metrics.json`, the picture if any.
-
-    A value that is missing or None is shown as a dash.
-    """
+def render_page(sources: Sources) -> str:
+    """Return the page of a run. What is missing or None is left out or shown as a dash."""
+    record, metrics = sources.record, sources.metrics
     name = text_of(record.get("name"))
-    sections = (
-        _headline(record, name, metrics),
-        _picture(preview_png, name),
-        section("Results", draw_window(metrics) + _results(metrics)),
-        section("Stages", _stages(record.get("stages") or ())),
-        section("Warnings", items(record.get("warnings") or ())),
-        section("Configuration", folded("Resolved configuration", _json(record.get("config")))),
-        section("Files", _files(record.get("files") or {})),
-        section("Provenance", _provenance(record)),
-    )
-    return document(to_text(record.get("name")), sections)
+    findings = _mappings(sources.measures, "findings")
+    view = _view(sources, findings, name)
+    sections = {
+        "Results": results(metrics),
+        "Certificate": draw_window(metrics),
+        "Sections": _sections(sources),
+        "Distributions": _plots(sources.measures),
+        "Places to look at": _findings(findings),
+        "Pictures": _pictures(sources),
+        "Stages": _stages(list(record.get("stages") or ())),
+        "Warnings": items(record.get("warnings") or ()),
+        "Configuration": folded("Resolved configuration", _config(sources)),
+        "Files": _files(record.get("files") or {}),
+        "Record": _provenance(record),
+        "Run it again": reproducing.how_to_run(record),
+        "How to cite": reproducing.how_to_cite(),
+    }
+    parts = [_headline(record, name, metrics), _contents(sections), _solid(sources, name), view]
+    parts += [section(title, content) for title, content in sections.items()]
+    script = TABLES.read_text(encoding="utf-8") + (_VIEWER.read_text(encoding="utf-8") if "view-data" in view else "")
+    return document(to_text(record.get("name")), parts, style=STYLE, script=script)
 
 
-def _json(value: object) -> str:
-    text = json.dumps(value, indent=2, ensure_ascii=False, default=str)
-    return f"<pre>{escape(text)}</pre>" if value else ""
+def _mappings(measures: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
+    return [entry for entry in measures.get(name) or () if isinstance(entry, Mapping)]
 
 
 def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact]) -> str:
@@ -92,63 +80,131 @@ def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact])
     when = record.get("finished") or record.get("started")
     told = " \u00b7 ".join(
         (
-            f"porosity {text_of(metrics.get('porosity'))}",
-            f"{text_of(metrics.get('triangles'))} triangles",
             f"seed {text_of(record.get('seed'))}",
             to_duration(record.get("seconds")),
             f"{to_size(record.get('peak_memory_bytes'))} at most",
             text_of(when).replace("T", " "),
         )
     )
-    failures = f'<div class="gates">{items(gates)}</div>' if gates else ""
     return (
-        f'<header>\n<h1>{name}</h1>\n<p class="verdict {kind}">{verdict}</p>\n'
-        f'<p class="told">{told}</p>\n{failures}</header>'
+        f'<header>\n<h1>{name}</h1>\n<p class="verdict {kind}">{verdict}</p>\n{gate_list(judged(record, metrics))}\n'
+        f'{highlights(metrics)}\n<p class="told">{told}</p>\n</header>'
     )
 
 
-def _picture(png: bytes | None, name: str) -> str:
-    if png is None:
-        return '<p class="none">No picture was drawn.</p>'
-    return f'<figure><img alt="The solid {name}" src="data:image/png;base64,{b64encode(png).decode()}"></figure>'
+def _contents(sections: Mapping[str, str]) -> str:
+    links = "".join(f'<li><a href="#{anchor_of(title)}">{title}</a></li>' for title, text in sections.items() if text)
+    return f'<nav aria-label="Contents"><ul>{links}</ul></nav>'
 
 
-def _results(metrics: Mapping[str, Fact]) -> str:
-    rows = [
-        (entry.title, _value(entry.key, metrics), f'<span class="meaning">{entry.meaning}</span>') for entry in _RESULTS
-    ]
-    skipped = metrics.get("gates_not_applied")
-    if isinstance(skipped, list) and skipped:
-        rows.append(
-            ("Gates not applied", text_of(len(skipped)), f'<span class="meaning">{text_of("; ".join(skipped))}</span>')
+def anchor_of(title: str) -> str:
+    """Return the name under which links find the section of that title."""
+    return title.lower().replace(" ", "-")
+
+
+def _solid(sources: Sources, name: str) -> str:
+    """Return the picture of the solid, which stands where it cannot be turned: on paper, or without script."""
+    png = sources.pictures.get(_PREVIEW)
+    left_out = f'<p class="none">Left out, as they are not the files that the run wrote: {items(sources.missing)}</p>'
+    picture = (
+        '<p class="none instead">No picture was drawn.</p>'
+        if png is None
+        else _figure(_PREVIEW, png, f"The solid {name}", kind="instead")
+    )
+    how = "" if sources.view else _HOW_TO_VIEW
+    return picture + how + (left_out if sources.missing else "")
+
+
+def _figure(file: str, content: bytes, about: str, *, kind: str = "", caption: str = "") -> str:
+    """Return a picture of a file; `about`, its text for those who do not see it, and `caption` are escaped already.
+
+    Drawings whose width is known in mm can share a scale.
+    """
+    source = f"data:{_TYPES[file[-4:]]};base64,{b64encode(content).decode()}"
+    told = f"<figcaption>{caption}</figcaption>" if caption else ""
+    width = _WIDTH.match(content)
+    wide = f' style="--wide: {float(width[1]):g}"' if width else ""
+    return f'<figure class="{kind}"{wide}><img alt="{about}" src="{source}">{told}</figure>'
+
+
+def _view(sources: Sources, findings: list[Mapping[str, Any]], name: str) -> str:
+    if sources.view is None:
+        return ""
+    try:
+        return draw_view(read_view(sources.view), findings, name)
+    except ValueError as error:
+        return f'<p class="none">The 3-D view is left out: view.npz {text_of(error)}.</p>'
+
+
+def _sections(sources: Sources) -> str:
+    figures = [
+        _figure(
+            name, sources.pictures[name], f"{_SECTION.format(axis=axis)}: {_SEEN}", caption=_SECTION.format(axis=axis)
         )
-    every = table(("Key", "Value"), ((f"<code>{text_of(k)}</code>", text_of(v)) for k, v in metrics.items()), "facts")
-    return table((), rows, "results") + folded("All metrics", every)
+        for axis in "xyz"
+        if (name := f"section_{axis}.svg") in sources.pictures
+    ]
+    return f'<p class="meaning">{_SEEN}</p>\n<div class="sections">{"".join(figures)}</div>' if figures else ""
 
 
-def _value(key: str, metrics: Mapping[str, Fact]) -> str:
-    unit = _UNITS.get(key)
-    value = text_of(metrics.get(key))
-    return f"{value} {unit}" if unit and value != NOTHING else value
+def _pictures(sources: Sources) -> str:
+    others = [name for name in sources.pictures if name != _PREVIEW and not name.startswith("section_")]
+    return "".join(_figure(name, sources.pictures[name], text_of(name), caption=text_of(name)) for name in others)
 
 
-def _stages(stages: Iterable[Mapping[str, Any]]) -> str:
+def _plots(measures: Mapping[str, Any]) -> str:
+    drawn = [draw_histogram(told) for told in _mappings(measures, "histograms")]
+    drawn += [draw_curve(told) for told in _mappings(measures, "curves")]
+    figures = "\n".join(filter(None, drawn))
+    return f'<div class="plots">{figures}</div>' if figures else ""
+
+
+def _findings(findings: list[Mapping[str, Any]]) -> str:
+    lines = "".join(
+        f'<li><span class="dot" style="--own: {colour_of(number)}"></span><strong>{text_of(finding.get("rule"))}</strong>: '
+        f"{text_of(finding.get('message'))}{_places(places_of(finding), number)}</li>"
+        for number, finding in enumerate(findings)
+    )
+    return f'<ul class="findings">{lines}</ul>' if lines else ""
+
+
+def _places(places: list[list[float]], number: int) -> str:
+    buttons = "".join(
+        f'<li><button type="button" hidden data-finding="{number}" data-place="{" ".join(map(str, place))}">'
+        f"show {', '.join(f'{length:.4g}' for length in place)}</button></li>"
+        for place in places[:_MOST_BUTTONS]
+    )
+    listed = table(("x, mm", "y, mm", "z, mm"), ([f"{length:.4g}" for length in place] for place in places), "facts")
+    return (f'<ul class="places">{buttons}</ul>' if buttons else "") + folded(f"{len(places)} places", listed)
+
+
+def _stages(stages: list[Mapping[str, Any]]) -> str:
+    longest, largest = (max((stage.get(key) or 0 for stage in stages), default=0) for key in _MEASURED)
     head = ("Stage", "Status", "Time", "Memory", "Facts")
-    return table(head, (_stage_row(stage) for stage in stages), "stages")
+    return table(head, (_stage_row(stage, longest, largest) for stage in stages), "stages sortable")
 
 
-def _stage_row(stage: Mapping[str, Any]) -> tuple[str, ...]:
+_MEASURED = ("seconds", "peak_memory_bytes")
+
+
+def _stage_row(stage: Mapping[str, Any], longest: float, largest: float) -> tuple[str | Number, ...]:
     label, used = stage.get("label"), stage.get("stage")
     named = f"<strong>{text_of(label)}</strong>" + (f"<br>{text_of(used)}" if used != label else "")
     reused = stage.get("reused")
     status = NOTHING if reused is None else "reused" if reused else "run"
+    seconds, memory = (stage.get(key) for key in _MEASURED)
     return (
         f"{named}<br><small>version {text_of(stage.get('version'))}</small>",
         f'<span class="{status}">{status}</span>',
-        to_duration(stage.get("seconds")),
-        to_size(stage.get("peak_memory_bytes")),
+        Number(to_duration(seconds) + _share(seconds, longest), seconds),
+        Number(to_size(memory) + _share(memory, largest), memory),
         _stage_facts(stage),
     )
+
+
+def _share(value: float | None, whole: float) -> str:
+    """Return a bar as long as the share of the greatest."""
+    return f'<span class="share" style="--part: {100.0 * value / whole:.0f}%"></span>' if value and whole else ""
 
 
 def _stage_facts(stage: Mapping[str, Any]) -> str:
@@ -175,12 +231,22 @@ def _gist(stage: Mapping[str, Any]) -> str:
     return escape(", ".join(short[:3])) or "facts"
 
 
+def _config(sources: Sources) -> str:
+    config = sources.record.get("config")
+    text = sources.config or json.dumps(config, indent=2, ensure_ascii=False, default=str) if config else ""
+    return f"<pre>{escape(text)}</pre>" if text else ""
+
+
 def _files(files: Mapping[str, Mapping[str, Any]]) -> str:
     rows = (
-        (text_of(name), to_size(facts.get("bytes")), f"<code>{text_of(facts.get('sha256'))}</code>")
+        (
+            text_of(name),
+            Number(to_size(facts.get("bytes")), facts.get("bytes")),
+            f"<code>{text_of(facts.get('sha256'))}</code>",
+        )
         for name, facts in files.items()
     )
-    return table(("File", "Size", "SHA-256"), rows, "files")
+    return table(("File", "Size", "SHA-256"), rows, "files sortable")
 
 
 def _provenance(record: Mapping[str, Any]) -> str:
@@ -189,8 +255,15 @@ def _provenance(record: Mapping[str, Any]) -> str:
         "SHA-256 of the configuration": record.get("config_sha256"),
         **{str(key).capitalize(): value for key, value in (record.get("platform") or {}).items()},
     }
-    rows = [(text_of(key), f"<code>{text_of(value)}</code>") for key, value in facts.items()]
-    versions = [
-        (text_of(key), f"<code>{text_of(value)}</code>") for key, value in (record.get("versions") or {}).items()
-    ]
-    return table((), rows, "facts") + folded("Versions of libraries", table((), versions, "facts"))
+    return _codes(facts.items()) + folded("Versions of libraries", _codes((record.get("versions") or {}).items()))
+
+
+def _codes(facts: Iterable[tuple[object, object]]) -> str:
+    return table((), ((text_of(key), f"<code>{text_of(value)}</code>") for key, value in facts), "facts")
+
+
+_SECTION = "Section across {axis}"
+_SEEN = "The solid is filled, the outer shape a line; axes, place and scale stand below each."
+_HOW_TO_VIEW = (
+    '<p class="none">There is no 3-D view: the stage <code>draw_solid</code>, last in a config, makes one.</p>\n'
+)

@@ -28,14 +28,10 @@ from scaffold_pipeline.plan import Plan
 from scaffold_pipeline.records import config_hash
 from scaffold_pipeline.registry import stage_owners
 from scaffold_pipeline.report.page import render_page
+from scaffold_pipeline.report.sources import CONFIG, MEASURES, METRICS, PAGE, RECORD, read_record, read_sources
 from scaffold_pipeline.runner import STORE, RunResult, locked
 from scaffold_pipeline.store import Store, hash_file
 from scaffold_pipeline.yaml_source import to_yaml
-
-RECORD = "run.json"
-METRICS = "metrics.json"
-MEASURES = "measures.json"
-"""Distributions, curves and findings: what is not a number under a key."""
 
 _STAGING = ".publish-"
 
@@ -52,16 +48,38 @@ def publish(plan: Plan, result: RunResult, out: Path) -> dict[str, Any]:
         details = result.metrics.details() if result.metrics else {}
         if any(details.values()):
             _write_json(staging / MEASURES, details)
-        (staging / "config.yaml").write_text(to_yaml(plan.resolved()), encoding="utf-8")
+        (staging / CONFIG).write_text(to_yaml(plan.resolved()), encoding="utf-8")
         record = _record(plan, result, staging)
-        preview = staging / "preview.png"
-        picture = preview.read_bytes() if preview.is_file() else None
-        page = render_page(record, metrics, picture)
-        (staging / "report.html").write_text(page, encoding="utf-8")
-        record["files"]["report.html"] = _file_facts(staging / "report.html")
+        _write_page(staging, record)
         _write_json(staging / RECORD, record)
         _replace(out, staging, record)
     return record
+
+
+def publish_page(folder: Path) -> Path:
+    """Write the page of the finished run in `folder` again, from its record and files alone, and return its path.
+
+    Where it is another than the record names, as other versions of this package make it, the record is told its hash.
+    Raises `PipelineError` for a folder without a sound record, and where a file with results is another.
+    """
+    record = read_record(folder)
+    with locked(folder), _staging(folder) as name:
+        earlier = record["files"].get(PAGE)
+        staging = Path(name)
+        (staging / PAGE).write_text(render_page(read_sources(folder, record)), encoding="utf-8")
+        record["files"][PAGE] = _file_facts(staging / PAGE)
+        _write_json(staging / RECORD, record)
+        (staging / PAGE).replace(folder / PAGE)
+        if record["files"][PAGE] != earlier:
+            (staging / RECORD).replace(folder / RECORD)
+    return folder / PAGE
+
+
+def _write_page(staging: Path, record: dict[str, Any]) -> None:
+    """Write the page of staged files, from the record as a file gives it back, and name it in the record."""
+    as_read = json.loads(json.dumps(record))
+    (staging / PAGE).write_text(render_page(read_sources(staging, as_read)), encoding="utf-8")
+    record["files"][PAGE] = _file_facts(staging / PAGE)
 
 
 def _staging(out: Path) -> TemporaryDirectory[str]:

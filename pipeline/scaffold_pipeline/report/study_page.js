@@ -1,8 +1,6 @@
-"use strict";
-// The table sorts by a click on a title and filters by words; the plot draws a column of numbers against another.
+// The table filters by words; the plot draws a column of numbers against another.
 const { titles, varied, rows } = JSON.parse(document.getElementById("data").textContent);
-const body = document.querySelector("table.points tbody");
-const lines = [...body.rows];
+const lines = makeSortable(document.querySelector("table.points"), (line, column) => rows[line.dataset.row][column]);
 lines.forEach((line, row) => (line.dataset.row = row));
 const wanted = new URLSearchParams(location.hash.slice(1)); // #y=porosity&x=... opens the page at a plot
 
@@ -15,21 +13,6 @@ function make(parent, name, attributes = {}, text = "") {
 
 // The table
 
-function compare(a, b) {
-  if (typeof a === "number" && typeof b === "number") return a - b;
-  return String(a).localeCompare(String(b), undefined, { numeric: true });
-}
-
-function sortBy(column, heads) {
-  const down = heads[column].getAttribute("aria-sort") === "ascending";
-  heads.forEach((head) => head.removeAttribute("aria-sort"));
-  heads[column].setAttribute("aria-sort", down ? "descending" : "ascending");
-  const value = (line) => rows[line.dataset.row][column];
-  const isEmpty = (line) => value(line) === null || value(line) === "";
-  lines.sort((a, b) => isEmpty(a) - isEmpty(b) || compare(value(a), value(b)) * (down ? -1 : 1));
-  body.append(...lines);
-}
-
 function filter(text, told) {
   const words = text.toLowerCase().split(/\s+/);
   for (const line of lines) line.hidden = !words.every((word) => line.textContent.toLowerCase().includes(word));
@@ -38,13 +21,6 @@ function filter(text, told) {
 }
 
 function enliven() {
-  const heads = [...document.querySelectorAll("table.points thead th")];
-  heads.forEach((head, column) => {
-    const button = document.createElement("button");
-    button.append(...head.childNodes);
-    button.addEventListener("click", () => sortBy(column, heads));
-    head.append(button);
-  });
   const bar = document.getElementById("filter");
   const told = bar.querySelector("output");
   bar.querySelector("input").addEventListener("input", (event) => filter(event.target.value, told));

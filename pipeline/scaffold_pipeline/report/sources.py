@@ -1,0 +1,86 @@
+"""What a run's page is made of: files of the run directory alone, so that the record gives the same page again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.errors import PipelineError
+from scaffold_pipeline.store import hash_file
+
+RECORD = "run.json"
+METRICS = "metrics.json"
+MEASURES = "measures.json"
+"""Distributions, curves and findings: what is not a number under a key."""
+CONFIG = "config.yaml"
+PAGE = "report.html"
+VIEW = "view.npz"
+
+_PICTURES = (".png", ".svg")
+
+
+@dataclass(frozen=True)
+class Sources:
+    """A run's record, what it measured, its config as text, and its pictures and view as bytes.
+
+    `missing` names the pictures of the record that are gone or are others now.
+    """
+
+    record: Mapping[str, Any]
+    metrics: Mapping[str, Fact]
+    measures: Mapping[str, Any] = field(default_factory=dict)
+    config: str = ""
+    pictures: Mapping[str, bytes] = field(default_factory=dict)
+    view: bytes | None = None
+    missing: tuple[str, ...] = ()
+
+
+def read_record(folder: Path) -> dict[str, Any]:
+    """Return the record of the finished run in `folder`; raises `PipelineError` where there is none."""
+    path = folder / RECORD
+    try:
+        record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        if all(key in record for key in ("stages", "files", "versions", "platform")):
+            return record
+    except FileNotFoundError as error:
+        remedy = "; name one of its points" if (folder / "study.json").is_file() else "; name the folder of a run"
+        raise PipelineError(f"{path}: there is no record of a finished run{remedy}") from error
+    except (ValueError, TypeError) as error:
+        raise PipelineError(f"{path}: cannot be read ({error}); run the config again") from error
+    raise PipelineError(f"{path}: is not the record of a run")
+
+
+def read_sources(folder: Path, record: Mapping[str, Any]) -> Sources:
+    """Return what the page of a run is made of; `record` is that of the run in `folder`.
+
+    Raises `PipelineError` where a file with results is not the one that the record names; a picture is left out.
+    """
+    files = {name: facts for name, facts in record["files"].items() if name != PAGE}
+    whole = {name for name, facts in files.items() if _is_recorded(folder, name, facts)}
+    for name in (METRICS, MEASURES, CONFIG):
+        if name in files and name not in whole:
+            raise PipelineError(f"{folder / name}: is not the file that the run wrote; run the config again")
+    drawn = [name for name in files if name.endswith(_PICTURES) or name == VIEW]
+    return Sources(
+        record={**record, "files": files},
+        metrics=_json(folder / METRICS) if METRICS in files else {},
+        measures=_json(folder / MEASURES) if MEASURES in files else {},
+        config=(folder / CONFIG).read_text(encoding="utf-8") if CONFIG in files else "",
+        pictures={name: (folder / name).read_bytes() for name in drawn if name in whole and name != VIEW},
+        view=(folder / VIEW).read_bytes() if VIEW in whole else None,
+        missing=tuple(name for name in drawn if name not in whole),
+    )
+
+
+def _is_recorded(folder: Path, name: str, facts: Mapping[str, Any]) -> bool:
+    path = folder / name
+    return Path(name).name == name and path.is_file() and hash_file(path) == facts["sha256"]
+
+
+def _json(path: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return found

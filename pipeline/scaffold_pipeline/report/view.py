@@ -1,0 +1,209 @@
+"""The solid in 3-D as a part of the page: what `view.npz` holds, packed, and the controls of `viewer.js`."""
+
+from __future__ import annotations
+
+import zlib
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any, TypeAlias
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.report.markup import harmless_json, text_of
+from scaffold_pipeline.report.wording import to_text
+
+Arrays: TypeAlias = Mapping[str, NDArray[Any]]
+
+RAMP = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725")
+"""Viridis, which people who confuse colours read too, from thin to thick."""
+
+MARKS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#23272e")
+"""Of Okabe and Ito's colours, which all people tell apart: one a rule."""
+
+MOST_PLACES = 2000
+"""Places of a finding that the view marks."""
+
+_BONE, _CAP, _GLASS = "#e3dac9", "#b4603e", "#5b8fc0"
+_FULL = 65535
+"""Of a packed coordinate: 1/65535 of the longest side is finer than a screen shows."""
+
+_ENDS = (1.0, 99.0)
+"""Percentiles of the strut thickness between which colours run."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """What `view.npz` holds: copies of few triangles, (n, 3) mm and (m, 3), and a thickness a vertex, (n,) or (0,).
+
+    `triangles` is the count of the solid's own.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    thickness: NDArray[np.float64]
+    outer_vertices: NDArray[np.float64]
+    outer_faces: NDArray[np.int64]
+    triangles: int
+
+
+def read_view(content: bytes) -> View:
+    """Return what a file `view.npz` holds; raises `ValueError` for one that is damaged or another."""
+    try:
+        with np.load(BytesIO(content), allow_pickle=False) as stored:
+            arrays = {name: stored[name] for name in stored.files}
+        view = View(
+            *_surface(arrays, ""), _values(arrays), *_surface(arrays, "outer_"), triangles=int(arrays["triangles"])
+        )
+    except (OSError, EOFError, KeyError, TypeError, BadZipFile, zlib.error) as error:
+        raise ValueError(f"is damaged ({error})") from error
+    if len(view.thickness) not in {0, len(view.vertices)} or not len(view.faces):
+        raise ValueError("is no view of a solid")
+    return view
+
+
+def _surface(arrays: Arrays, prefix: str) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    vertices = arrays.get(f"{prefix}vertices", np.empty((0, 3))).astype(np.float64)
+    faces = arrays.get(f"{prefix}faces", np.empty((0, 3))).astype(np.int64)
+    if vertices.shape != (len(vertices), 3) or faces.shape != (len(faces), 3) or not np.isfinite(vertices).all():
+        raise ValueError(f"{prefix}vertices or {prefix}faces are no surface")
+    if len(faces) and not 0 <= faces.min() <= faces.max() < len(vertices):
+        raise ValueError(f"{prefix}faces name vertices that are not there")
+    return vertices, faces
+
+
+def _values(arrays: Arrays) -> NDArray[np.float64]:
+    values = arrays.get("thickness", np.empty(0)).astype(np.float64)
+    if values.ndim != 1 or not np.isfinite(values).all():
+        raise ValueError("thickness is no list of numbers")
+    return values
+
+
+def draw_view(view: View, findings: Sequence[Mapping[str, Any]], name: str) -> str:
+    """Return the 3-D view: its controls, hidden until the script finds that it can draw, and what it draws.
+
+    `findings` are those of `measures.json`; `name` is escaped already.
+    """
+    everything = np.concatenate([view.vertices, view.outer_vertices])
+    low, size = everything.min(axis=0), np.ptp(everything, axis=0)
+    scale = float(size.max()) or 1.0
+    ends = np.percentile(view.thickness, _ENDS).tolist() if len(view.thickness) else None
+    facts = {
+        "vertices": len(view.vertices),
+        "faces": len(view.faces),
+        "outerVertices": len(view.outer_vertices),
+        "outerFaces": len(view.outer_faces),
+        "low": low.tolist(),
+        "size": size.tolist(),
+        "scale": scale,
+        "thickness": ends,
+        "findings": [_marked(finding, number) for number, finding in enumerate(findings)],
+        "ramp": RAMP,
+        "bone": _BONE,
+        "cap": _CAP,
+        "glass": _GLASS,
+    }
+    packed = b64encode(_packed(view, low, scale, ends)).decode()
+    return (
+        f'<div id="view" hidden>\n{_controls(view, findings)}\n{_stage(name, size.tolist())}\n{_legend(ends)}'
+        f'<p class="meaning" id="view-help">{_HELP} {_told(view)}</p>\n</div>\n'
+        f'<p class="none" id="view-none" hidden></p>\n{harmless_json("view-facts", facts)}\n'
+        f'<script type="text/plain" id="view-data">{packed}</script>'
+    )
+
+
+def _packed(view: View, low: NDArray[np.float64], scale: float, ends: list[float] | None) -> bytes:
+    """Return faces, places and thickness as the script unpacks them: numbers of 4, 2 and 1 bytes, deflated."""
+    corners = [faces.astype("<u4") for faces in (view.faces, view.outer_faces)]
+    places = [np.rint((points - low) / scale * _FULL).astype("<u2") for points in (view.vertices, view.outer_vertices)]
+    thickness = np.empty(0)
+    if ends is not None:
+        thickness = np.rint(255.0 * np.clip((view.thickness - ends[0]) / (ends[1] - ends[0] or 1.0), 0.0, 1.0))
+    whole = b"".join(part.tobytes() for part in (*corners, *places, thickness.astype(np.uint8)))
+    return zlib.compress(whole, 9)
+
+
+def places_of(finding: Mapping[str, Any]) -> list[list[float]]:
+    """Return the places of a finding that are such: three finite numbers, mm."""
+    found = finding.get("places")
+    try:
+        places = np.asarray(found if isinstance(found, list) else [], np.float64).reshape(-1, 3)
+    except (ValueError, TypeError):
+        return []
+    listed: list[list[float]] = places[np.isfinite(places).all(axis=1)].round(4).tolist()
+    return listed
+
+
+def colour_of(number: int) -> str:
+    """Return the colour that marks the finding of that number."""
+    return MARKS[number % len(MARKS)]
+
+
+def _marked(finding: Mapping[str, Any], number: int) -> dict[str, Any]:
+    return {"colour": colour_of(number), "places": places_of(finding)[:MOST_PLACES]}
+
+
+def _controls(view: View, findings: Sequence[Mapping[str, Any]]) -> str:
+    colours = (
+        '<label>Colour <select id="view-colour"><option value="thickness">strut thickness</option>'
+        '<option value="bone">bone</option></select></label>'
+    )
+    outer = '<label><input type="checkbox" id="view-outer" checked> Outer shape</label>'
+    axes = "".join(f'<option value="{axis}">across {axis}</option>' for axis in "xyz")
+    marks = "".join(
+        f'<label class="mark" style="--own: {colour_of(number)}">'
+        f'<input type="checkbox" id="view-finding-{number}" checked> '
+        f"{text_of(finding.get('rule'))} ({len(places_of(finding)[:MOST_PLACES])})</label>"
+        for number, finding in enumerate(findings)
+        if places_of(finding)
+    )
+    return (
+        '<div class="controls">'
+        f"{colours if len(view.thickness) else ''}{outer if len(view.outer_faces) else ''}"
+        f'<label>Cut <select id="view-axis"><option value="">nowhere</option>{axes}</select></label>'
+        '<span id="view-plane" hidden><label>at <input type="range" id="view-cut"></label> '
+        '<output id="view-place" for="view-cut"></output> '
+        '<label><input type="checkbox" id="view-flip"> other side</label></span>'
+        '<span class="buttons"><button type="button" id="view-reset">Reset</button> '
+        '<button type="button" id="view-full">Full screen</button></span>'
+        + (f'<fieldset class="marks"><legend>Marked places</legend>{marks}</fieldset>' if marks else "")
+        + "</div>"
+    )
+
+
+def _stage(name: str, size: list[float]) -> str:
+    extent = " \u00d7 ".join(to_text(length) for length in size)
+    return (
+        '<div id="view-stage"><canvas id="view-canvas" tabindex="0" role="application" '
+        f'aria-label="The solid {name} in 3-D, {extent} mm" aria-describedby="view-help"></canvas>'
+        '<div id="view-bar" aria-hidden="true"></div></div>'
+    )
+
+
+def _legend(ends: list[float] | None) -> str:
+    if ends is None:
+        return ""
+    low, high = ends
+    marks = "".join(f"<span>{low + share * (high - low):.3g}</span>" for share in (0.0, 0.5, 1.0))
+    return (
+        '<div id="view-legend"><span>Strut thickness, mm</span>'
+        f'<div><div class="ramp" style="background: linear-gradient(to right, {", ".join(RAMP)})"></div>'
+        f'<div class="marks">{marks}</div></div></div>\n'
+    )
+
+
+def _told(view: View) -> str:
+    shown, whole = len(view.faces), view.triangles
+    if shown >= whole:
+        return f"All {to_text(whole)} triangles are shown."
+    told = f"{to_text(shown)} triangles are shown of {to_text(whole)}"
+    return f"Simplified for this page: {told}; the files have all of them."
+
+
+_HELP = (
+    "Drag, or use the arrow keys, to turn it; the wheel, two fingers, + and \u2212 make it larger and smaller; drag "
+    "with Shift, or Shift and arrow keys, to move it; Home shows it as at first."
+)
