@@ -78,7 +78,7 @@ class Browser:
     buffer: bytes = b""
     events: list[dict[str, Any]] = field(default_factory=list)
 
-    def call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
+    def call(self, method: str, session: str | None = None, **parameters: object) -> dict[str, Any]:
         """Call a method of the protocol and return its result."""
         self.number += 1
         message = {"id": self.number, "method": method, "params": parameters}
@@ -107,16 +107,24 @@ class Browser:
             self.events.append(told)
         return told
 
-    def open(self, path: Path, *, width: int = 1200, height: int = 900, dark: bool = False) -> Tab:
-        """Open a page from disk in a new tab and wait until it is loaded."""
+    def open(
+        self, path: Path, *, dark: bool = False, calm: bool = True, script: str = "", is_scripted: bool = True
+    ) -> Tab:
+        """Open a page from disk in a new tab and wait until it is loaded; `script` runs before its own, if any do.
+
+        The reader prefers `dark` or light colours, and that nothing moves by itself, `calm`.
+        """
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
         session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         tab = Tab(self, session, target)
         for domain in ("Page", "Runtime", "Log", "Network"):
             tab.call(f"{domain}.enable")
         theme = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
-        tab.call("Emulation.setEmulatedMedia", features=[theme])
-        tab.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        motion = {"name": "prefers-reduced-motion", "value": "reduce" if calm else "no-preference"}
+        tab.call("Emulation.setEmulatedMedia", features=[theme, motion])
+        tab.call("Emulation.setDeviceMetricsOverride", width=640, height=480, deviceScaleFactor=1, mobile=False)
+        tab.call("Emulation.setScriptExecutionDisabled", value=not is_scripted)
+        tab.call("Page.addScriptToEvaluateOnNewDocument", source=script)
         tab.call("Page.navigate", url=path.resolve().as_uri())
         tab.wait_until("document.readyState === 'complete'")
         return tab
@@ -130,13 +138,13 @@ class Tab:
     session: str
     target: str
 
-    def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+    def call(self, method: str, **parameters: object) -> dict[str, Any]:
         return self.browser.call(method, self.session, **parameters)
 
     def close(self) -> None:
         self.browser.call("Target.closeTarget", targetId=self.target)
 
-    def run(self, expression: str) -> Any:
+    def run(self, expression: str) -> Any:  # noqa: ANN401 - what JSON holds
         """Return the value of a JavaScript expression; a promise is waited for."""
         told = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
         if "exceptionDetails" in told:
@@ -180,7 +188,8 @@ class Tab:
         return [told["request"]["url"] for told in sent if not told["request"]["url"].startswith(_HARMLESS)]
 
     def _events(self) -> list[dict[str, Any]]:
-        self.run("new Promise((done) => setTimeout(done, 50))")  # what is on its way arrives before the answer
+        time.sleep(0.05)
+        self.run("1")  # what is on its way arrives before the answer
         return [event for event in self.browser.events if event.get("sessionId") == self.session]
 
 

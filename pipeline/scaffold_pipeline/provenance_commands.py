@@ -1,4 +1,4 @@
-"""The commands on what is done: `verify`, whether it comes out the same again, `report`, its page, `crate`, to pass on."""
+"""The commands on what is done: `verify` makes it again, `report` its page, and `crate` packs it to hand on."""
 
 from __future__ import annotations
 

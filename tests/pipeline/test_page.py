@@ -4,11 +4,15 @@ import re
 from base64 import b64decode
 from html import unescape
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from pipeline.example_page import MEASURES, view_file
+from scaffold_pipeline.report import reproducing
 from scaffold_pipeline.report.page import render_page
+from scaffold_pipeline.report.sources import Sources
 from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_text
 
 METRICS: dict[str, Any] = {
@@ -53,7 +57,7 @@ RECORD: dict[str, Any] = {
 }
 PNG = b"\x89PNG\r\n\x1a\n of a kind"
 HOSTILE = '<script>alert("x")</script><img src=http://example.org/a.png onerror=x>&amp;'
-VOID = {"meta", "img", "br", "wbr", "input", "rect", "line"}
+VOID = {"meta", "img", "br", "wbr", "input", "rect", "line", "polyline"}
 
 
 class Tags(HTMLParser):
@@ -77,18 +81,29 @@ class Tags(HTMLParser):
             assert self.opened.pop() == tag
 
 
-def page(record: dict[str, Any] | None = None, metrics: dict[str, Any] | None = None) -> str:
-    return render_page({**RECORD, **(record or {})}, {**METRICS, **(metrics or {})}, PNG)
+SVG = b'<svg xmlns="http://www.w3.org/2000/svg" width="12.5mm" height="9mm"><script>alert(1)</script></svg>'
+
+
+def page(
+    record: dict[str, Any] | None = None,
+    metrics: dict[str, Any] | None = None,
+    measures: dict[str, Any] | None = None,
+    **others: object,
+) -> str:
+    drawn: Any = {"pictures": {"preview.png": PNG}, **others}
+    return render_page(Sources({**RECORD, **(record or {})}, {**METRICS, **(metrics or {})}, measures or {}, **drawn))
 
 
 def words(text: str) -> str:
-    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", text.partition("</style>")[2]))
+    told = re.sub(r"<script.*?</script>", " ", text.partition("</style>")[2], flags=re.DOTALL)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", told))
 
 
 def test_the_page_tells_verdict_metrics_stages_and_provenance():
     text = words(page())
     expected = ("heel", "quality pass", "0.6512", "mm³", "tetrahedralise", "reused", "12.7 s", "410.0 MB", "4 536")
     expected += ("mesh: the volume differs", "12" * 32, "34" * 32, "numpy", "Linux", '"edge_length": 5.0')
+    expected += ("2030-01-02 03:04:05",)
 
     assert [phrase for phrase in expected if phrase not in unescape(text)] == []
 
@@ -97,7 +112,8 @@ def test_a_failed_gate_is_a_line_under_the_verdict():
     text = page(metrics={"quality": "certificate: iso is high; lower c; one_piece: 10 pieces; lower porosity"})
 
     assert '<p class="verdict fail">quality fail</p>' in text
-    assert "<li>certificate: iso is high; lower c</li><li>one_piece: 10 pieces; lower porosity</li>" in text
+    assert "certificate failed: iso is high; lower c" in words(text)
+    assert "one piece failed: 10 pieces; lower porosity" in words(text)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +133,9 @@ def test_quality_is_read_as_text_or_list(quality: object, gates: list[str] | Non
 
 
 def test_a_run_without_measures_has_no_verdict():
-    assert "quality not measured" in render_page(RECORD, {}, PNG)
+    text = render_page(Sources(RECORD, {}))
+    assert "quality not measured" in text
+    assert '<ul class="gates">' not in text
 
 
 def test_everything_that_others_wrote_is_escaped():
@@ -128,6 +146,11 @@ def test_everything_that_others_wrote_is_escaped():
         "summary": hostile,
         "warnings": [HOSTILE],
         "inputs": hostile,
+    }
+    measures = {
+        "histograms": [{**told, "title": HOSTILE, "unit": HOSTILE, "name": HOSTILE} for told in MEASURES["histograms"]],
+        "curves": [{**told, **dict.fromkeys(("title", "x_title", "y_title"), HOSTILE)} for told in MEASURES["curves"]],
+        "findings": [{**told, "rule": HOSTILE, "message": HOSTILE} for told in MEASURES["findings"]],
     }
     text = page(
         {
@@ -140,44 +163,164 @@ def test_everything_that_others_wrote_is_escaped():
             "platform": hostile,
             "finished": HOSTILE,
         },
-        {HOSTILE: HOSTILE, "quality": HOSTILE, "porosity": HOSTILE},
+        {HOSTILE: HOSTILE, "quality": HOSTILE, "porosity": HOSTILE, "gates_not_applied": [HOSTILE]},
+        measures,
+        config=HOSTILE,
+        view=view_file(),
+        pictures={"preview.png": PNG, "section_x.svg": SVG, f"{HOSTILE}.png": PNG},
+        missing=(HOSTILE,),
     )
     tags = Tags(text).found
 
-    assert {tag for tag, _ in tags}.isdisjoint({"script", "iframe", "link", "object", "embed", "a"})
-    assert [tag for tag, _ in tags].count("img") == 1
+    assert {tag for tag, _ in tags}.isdisjoint({"iframe", "link", "object", "embed", "b", "i"})
+    assert [tag for tag, _ in tags].count("img") == 3
+    assert [attributes.get("type") for tag, attributes in tags if tag == "script"] == [
+        *("application/json", "text/plain"),
+        None,
+    ]
     assert not any(name.startswith("on") for _, attributes in tags for name in attributes)
+    assert not re.search(r"<script>alert|<b>", text)
 
 
 def test_the_page_asks_for_nothing_outside_itself():
-    text = page()
+    text = page(measures=MEASURES, view=view_file())
     addresses = [
         value or ""
         for _, attributes in Tags(text).found
         for name, value in attributes.items()
         if name in {"src", "href", "srcset", "action", "data", "poster", "xlink:href"}
     ]
+    own = {f"#{attributes['id']}" for tag, attributes in Tags(text).found if tag == "section"}
 
-    assert all(address.startswith("data:image/png;base64,") for address in addresses)
+    assert len(addresses) > 8
+    assert all(address.startswith("data:image/png;base64,") or address in own for address in addresses)
     assert not re.search(r"url\(|@import|https?://", text)
-    assert "default-src 'none'" in text
+    assert re.search(r"default-src 'none'; img-src data:; script-src 'sha256-[^' ]+'; style-src 'unsafe-inline'", text)
 
 
 def test_the_picture_is_in_the_page_to_the_byte():
     assert b64decode(re.search(r'base64,([^"]+)"', page()).group(1)) == PNG  # type: ignore[union-attr]
 
 
-def test_without_a_picture_the_page_says_so():
-    text = render_page(RECORD, METRICS, None)
+def test_without_a_picture_or_a_view_the_page_says_so_and_how_to_have_one():
+    text = render_page(Sources(RECORD, METRICS))
 
     assert "No picture was drawn" in text
+    assert "the stage draw_solid , last in a config, makes one" in words(text)
     assert "<img" not in text
+    assert 'id="view-canvas"' not in text
+
+
+def test_a_view_that_is_damaged_costs_the_view_alone():
+    whole = view_file()
+    for content in (
+        whole[: len(whole) // 2],
+        b"",
+        b"PK\x03\x04",
+        view_file(faces=[[0, 1, 99]]),
+        view_file(thickness=[1.0]),
+    ):
+        text = page(view=content)
+        assert "The 3-D view is left out: view.npz" in words(text)
+        assert 'id="view-canvas"' not in text
+        assert "0.6512" in text
+
+
+def test_the_view_says_that_it_is_simplified():
+    assert "8 triangles are shown of 5 000 000; the files have all of them" in words(page(view=view_file(5_000_000)))
+    assert "All 8 triangles are shown" in words(page(view=view_file(8)))
+
+
+def test_a_gate_is_told_as_passed_failed_not_applied_or_switched_off():
+    parameters = {
+        **dict.fromkeys(("gate_manifold", "gate_one_piece", "gate_interrupted", "gate_of_a_plug_in"), True),
+        "gate_porosity": False,
+        "min_strut": 0.3,
+        "min_throat": None,
+        "porosity_tolerance": 0.1,
+    }
+    stage = {**STAGE, "parameters": parameters, "summary": {"quality": ["one_piece: 3 pieces"]}}
+    metrics = {"quality": ["one_piece: 3 pieces"], "gates_not_applied": ["interrupted: there is no mesh"]}
+    listed = re.findall(r"<li class.*?</li>", page({"stages": [stage]}, metrics).partition('class="gates"')[2])
+    told = [" ".join(re.sub(r"<[^>]*>", "", line).split()) for line in listed]
+    assert told == [
+        "\u2717 one piece failed: 3 pieces",
+        "\u2013 interrupted not applied: there is no mesh",
+        "\u2713 manifold passed: The surface is closed, with two triangles at each edge.",
+        "\u2713 of a plug in passed",
+        "\u2713 min strut passed: The thinnest strut is as thick as asked for.",
+        "\u2013 porosity switched off: The porosity is the one asked for.",
+    ]
+
+
+def test_a_metric_that_was_not_measured_is_left_out():
+    assert "Strut thickness, mean" not in words(page())
+    assert "Strut thickness, mean 0.31 mm" in words(page(metrics={"strut_thickness_mean": 0.31}))
+    assert "Strut thickness, mean" not in words(page(metrics={"strut_thickness_mean": None}))
+
+
+def test_distributions_are_drawings_with_words_and_numbers():
+    text = page(measures=MEASURES)
+    drawn = re.findall(r'<svg viewBox="0 0 480 300" role="img"><title>(.*?)</title><desc>(.*?)</desc>(.*?)</svg>', text)
+    assert [title for title, _, _ in drawn] == ["Strut thickness", "Accessible pores"]
+    assert drawn[0][1] == "Shares of the whole from 0.1 to 0.5, mm; mean about 0.2625."
+    heights = [float(height) for height in re.findall(r'<rect class="bar"[^>]* height="([\d.]+)"', drawn[0][2])]
+    assert [height / heights[1] for height in heights] == pytest.approx([0.5, 1.0, 0.5], abs=0.01)
+    assert "0.1 to 0.2 0.25" in words(text)
+
+
+@pytest.mark.parametrize(
+    "told",
+    [
+        {"edges": [0.0, 1.0], "shares": [float("nan")]},
+        {"edges": [0.0], "shares": [1.0]},
+        {"edges": "ab", "shares": "c"},
+        {"edges": [1.0, 0.0], "shares": [1.0]},
+        {},
+    ],
+)
+def test_a_distribution_without_sound_numbers_is_left_out(told: dict[str, Any]):
+    assert 'class="plot"' not in page(measures={"histograms": [told], "curves": [{"x": told.get("edges")}]})
+
+
+def test_a_finding_tells_its_rule_and_leads_to_its_places():
+    text = page(measures=MEASURES, view=view_file())
+    assert "thin_strut : a strut of 0.1 mm" in words(text)
+    assert re.findall(r'data-finding="(\d)" data-place="([^"]*)"', text) == [
+        ("0", "0.5 0.25 1.0"),
+        ("1", "-1.0 0.0 0.0"),
+    ]
+    many = [{"rule": "island", "message": "many", "places": [[float(x), 0.0, 0.0] for x in range(300)]}]
+    assert "The first 200 of 300 places" in page(measures={"findings": many})
+
+
+def test_sections_share_a_scale_and_have_words():
+    text = page(pictures={"section_x.svg": SVG, "section_z.svg": SVG.replace(b"12.5", b"25")})
+    assert re.findall(r"--wide: ([\d.]+)", text) == ["12.5", "25"]
+    assert 'alt="Section across x: The solid is filled' in text
+    assert "<svg xmlns" not in text
+
+
+def test_the_page_says_how_to_run_it_again_and_with_which_files():
+    stage = {**STAGE, "parameters": {"path": "/data/heel.stl"}, "input_files": {"path": "98" * 32}}
+    text = words(page({"stages": [stage], "versions": {"scaffold-pipeline": "0.1.0"}}))
+    assert "scaffold-pipeline run config.yaml --out again scaffold-pipeline verify . scaffold-pipeline report ." in text
+    assert f"/data/heel.stl: SHA-256 {'98' * 32}" in text
+
+
+def test_the_page_cites_as_citation_cff_does():
+    cited = (Path(__file__).parents[2] / "CITATION.cff").read_text(encoding="utf-8")
+    for text in (f"title: {reproducing.TITLE}", f"name: {reproducing.AUTHORS}", f"abstract: {reproducing.ABOUT}."):
+        assert text in cited
+    assert f"title: {reproducing.PAPER}" in cited
+    assert re.findall(r"family-names: (\w+)", cited) == re.findall(r"(\w+), \w\.", reproducing.PAPER_AUTHORS)
+    assert reproducing.PAPER in words(page())
 
 
 @pytest.mark.parametrize("record", [{}, dict.fromkeys(RECORD), {"stages": [{}]}, {"stages": [dict.fromkeys(STAGE)]}])
 def test_what_is_missing_is_a_dash(record: dict[str, Any]):
     for metrics in ({}, dict.fromkeys(METRICS)):
-        text = render_page(record, metrics, None)
+        text = render_page(Sources(record, metrics))
         Tags(text)
         assert "None" not in words(text)
         assert f"<h1>{NOTHING}</h1>" in text
@@ -217,15 +360,17 @@ def test_the_window_says_on_which_side_the_iso_value_is(change: dict[str, Any], 
 
 
 def test_a_field_without_a_certificate_has_no_window():
-    assert "<svg" not in page(metrics={"channel_max": None})
-    assert "<svg" not in page(metrics={"strut_min": float("nan")})
+    assert 'class="window"' in page()
+    assert 'class="window"' not in page(metrics={"channel_max": None})
+    assert 'class="window"' not in page(metrics={"strut_min": float("nan")})
 
 
 def test_gates_that_had_nothing_to_judge_are_named():
     skipped = ["certificate: the field has none", "interrupted: there is no mesh"]
     told = words(page(metrics=METRICS | {"gates_not_applied": skipped}))
-    assert "Gates not applied 2 certificate: the field has none; interrupted: there is no mesh" in told
-    assert "Gates not applied" not in page(metrics=METRICS | {"gates_not_applied": []})
+    assert "certificate not applied: the field has none" in told
+    assert "interrupted not applied: there is no mesh" in told
+    assert "not applied:" not in words(page(metrics=METRICS | {"gates_not_applied": []}))
 
 
 def test_a_share_that_is_almost_one_is_not_rounded_to_it():

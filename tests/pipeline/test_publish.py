@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from shutil import rmtree
 from threading import Thread
 from typing import Any
 
 import pytest
 
-from pipeline.workplace import Project
+from pipeline.workplace import Project, harm
 from scaffold_pipeline.config import read_draft
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.plan import make_plan
@@ -204,3 +205,82 @@ def test_nothing_is_put_into_a_directory_that_another_run_holds(project: Project
         thread.join()
     assert len(refused) == 1
     assert visible() == []
+
+
+# The page again
+
+
+def test_the_page_is_made_again_to_the_bit_from_the_record_alone(project: Project):
+    record = run(project)
+    before = {name: (OUT / name).read_bytes() for name in visible()}
+    rmtree(OUT / ".store")
+    (OUT / "report.html").write_text("gone")
+    assert project.command("report", OUT).out == f"wrote {OUT / 'report.html'}\n"
+    assert {name: (OUT / name).read_bytes() for name in visible()} == before
+    assert hash_file(OUT / "report.html") == record["files"]["report.html"]["sha256"]
+    assert project.command("report", OUT, "--json").json == {"report": str(OUT / "report.html")}
+
+
+def test_where_the_page_becomes_another_the_record_is_told(project: Project, monkeypatch: pytest.MonkeyPatch):
+    run(project)
+    monkeypatch.setattr(publishing, "render_page", lambda _: "as another version makes it")
+    assert project.command("report", OUT).code == 0
+    record = json.loads((OUT / "run.json").read_text())
+    assert record["files"]["report.html"]["sha256"] == hash_file(OUT / "report.html")
+    assert project.command("report", OUT).code == 0
+
+
+@pytest.mark.parametrize(
+    ("record", "told"),
+    [
+        (None, "there is no record of a finished run"),
+        ("{", "cannot be read"),
+        ("[]", "is not the record of a run"),
+        ("{}", "is not the record of a run"),
+        ('{"stages": 3, "files": {}, "versions": {}, "platform": {}}', "is not the record of a run"),
+        ('{"stages": [], "files": {"a": 3}, "versions": {}, "platform": {}}', "is not the record of a run"),
+        ('{"stages": [{"summary": 3}], "files": {}, "versions": {}, "platform": {}}', "no page can be made of it"),
+    ],
+)
+def test_a_folder_without_a_sound_record_is_a_line_and_stays_as_it_is(project: Project, record: str | None, told: str):
+    run(project)
+    (OUT / "run.json").unlink()
+    if record is not None:
+        (OUT / "run.json").write_text(record)
+    before = {name: (OUT / name).read_bytes() for name in visible()}
+    answer = project.command("report", OUT)
+    assert answer.code == 1
+    assert answer.err.startswith(f"{OUT / 'run.json'}: {told}")
+    assert len(answer.err.splitlines()) == 1
+    assert {name: (OUT / name).read_bytes() for name in visible()} == before
+
+
+@pytest.mark.parametrize("name", ["metrics.json", "config.yaml"])
+@pytest.mark.parametrize("how", ["gone", "half", "bit"])
+def test_results_that_are_not_those_of_the_record_give_no_page(project: Project, name: str, how: str):
+    run(project)
+    page = (OUT / "report.html").read_bytes()
+    harm(OUT / name, how)
+    answer = project.command("report", OUT)
+    assert answer.err == f"{OUT / name}: is not the file that the run wrote; run the config again\n"
+    assert answer.code == 1
+    assert (OUT / "report.html").read_bytes() == page
+
+
+@pytest.mark.parametrize("how", ["gone", "half", "bit"])
+def test_a_picture_that_is_not_that_of_the_record_is_left_out_and_named(project: Project, how: str):
+    run(project, CHAIN, "write_points.names=[preview.png, view.npz]")
+    harm(OUT / "preview.png", how)
+    assert project.command("report", OUT).code == 0
+    text = (OUT / "report.html").read_text()
+    assert "Left out, as they are not the files that the run wrote: <ul><li>preview.png</li></ul>" in text
+
+
+def test_a_page_that_is_made_again_is_not_put_into_a_directory_that_a_run_holds(project: Project):
+    run(project)
+    told: list[str] = []
+    with locked(OUT):
+        thread = Thread(target=lambda: told.append(project.command("report", OUT).err))
+        thread.start()
+        thread.join()
+    assert "another run is using this directory" in told[0]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from base64 import b64encode
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from hashlib import sha256
 from html import escape
 from pathlib import Path
@@ -47,7 +47,18 @@ def text_of(value: object) -> str:
 
 def section(title: str, content: str) -> str:
     """Return a section; no content, no section."""
-    return f"<section>\n<h2>{title}</h2>\n{content}\n</section>" if content else ""
+    return f'<section id="{anchor_of(title)}">\n<h2>{title}</h2>\n{content}\n</section>' if content else ""
+
+
+def contents(sections: Mapping[str, str]) -> str:
+    """Return links to those of the sections, title -> content, that have any."""
+    links = "".join(f'<li><a href="#{anchor_of(title)}">{title}</a></li>' for title, text in sections.items() if text)
+    return f'<nav aria-label="Contents"><ul>{links}</ul></nav>'
+
+
+def anchor_of(title: str) -> str:
+    """Return the name under which links find the section of that title."""
+    return title.lower().replace(" ", "-")
 
 
 def folded(title: str, content: str) -> str:
@@ -80,7 +91,7 @@ def _cell(cell: str | Number) -> str:
     if isinstance(cell, str):
         return f"<td>{cell}</td>"
     key = "" if cell.value is None else f"{cell.value:.9g}"
-    return f'<td data-value="{key}">{cell.html}</td>' if key else f"<td>{cell.html}</td>"
+    return f'<td data-value="{key}">{cell.html}</td>'
 
 
 _STYLE = """

@@ -16,7 +16,7 @@ from typing import Any
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.report import reproducing
 from scaffold_pipeline.report.gates import gate_list, judged
-from scaffold_pipeline.report.markup import TABLES, Number, document, folded, items, section, table, text_of
+from scaffold_pipeline.report.markup import TABLES, Number, contents, document, folded, items, section, table, text_of
 from scaffold_pipeline.report.page_style import STYLE
 from scaffold_pipeline.report.plots import draw_curve, draw_histogram
 from scaffold_pipeline.report.results import highlights, results
@@ -28,8 +28,8 @@ from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_duration,
 _SHORT = 24
 """Characters of a fact that has a place in the line of its stage."""
 
-_MOST_BUTTONS = 24
-"""Places of a finding that the list leads to; the view marks more."""
+_MOST_BUTTONS, _MOST_LISTED = 12, 200
+"""Places of a finding that buttons lead to, and that are listed; the view marks more, `measures.json` has all."""
 
 _VIEWER = Path(__file__).with_name("viewer.js")
 _PREVIEW = "preview.png"
@@ -44,11 +44,11 @@ def render_page(sources: Sources) -> str:
     findings = _mappings(sources.measures, "findings")
     view = _view(sources, findings, name)
     sections = {
-        "Results": results(metrics),
-        "Certificate": draw_window(metrics),
         "Sections": _sections(sources),
-        "Distributions": _plots(sources.measures),
         "Places to look at": _findings(findings),
+        "Results": results(metrics),
+        "Distributions": _plots(sources.measures),
+        "Certificate": draw_window(metrics),
         "Pictures": _pictures(sources),
         "Stages": _stages(list(record.get("stages") or ())),
         "Warnings": items(record.get("warnings") or ()),
@@ -58,7 +58,7 @@ def render_page(sources: Sources) -> str:
         "Run it again": reproducing.how_to_run(record),
         "How to cite": reproducing.how_to_cite(),
     }
-    parts = [_headline(record, name, metrics), _contents(sections), _solid(sources, name), view]
+    parts = [_headline(record, name, metrics), contents(sections), _solid(sources, name), view]
     parts += [section(title, content) for title, content in sections.items()]
     script = TABLES.read_text(encoding="utf-8") + (_VIEWER.read_text(encoding="utf-8") if "view-data" in view else "")
     return document(to_text(record.get("name")), parts, style=STYLE, script=script)
@@ -90,16 +90,6 @@ def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact])
         f'<header>\n<h1>{name}</h1>\n<p class="verdict {kind}">{verdict}</p>\n{gate_list(judged(record, metrics))}\n'
         f'{highlights(metrics)}\n<p class="told">{told}</p>\n</header>'
     )
-
-
-def _contents(sections: Mapping[str, str]) -> str:
-    links = "".join(f'<li><a href="#{anchor_of(title)}">{title}</a></li>' for title, text in sections.items() if text)
-    return f'<nav aria-label="Contents"><ul>{links}</ul></nav>'
-
-
-def anchor_of(title: str) -> str:
-    """Return the name under which links find the section of that title."""
-    return title.lower().replace(" ", "-")
 
 
 def _solid(sources: Sources, name: str) -> str:
@@ -161,7 +151,8 @@ def _plots(measures: Mapping[str, Any]) -> str:
 
 def _findings(findings: list[Mapping[str, Any]]) -> str:
     lines = "".join(
-        f'<li><span class="dot" style="--own: {colour_of(number)}"></span><strong>{text_of(finding.get("rule"))}</strong>: '
+        f'<li><span class="dot" style="--own: {colour_of(number)}"></span>'
+        f"<strong>{text_of(finding.get('rule'))}</strong>: "
         f"{text_of(finding.get('message'))}{_places(places_of(finding), number)}</li>"
         for number, finding in enumerate(findings)
     )
@@ -174,8 +165,12 @@ def _places(places: list[list[float]], number: int) -> str:
         f"show {', '.join(f'{length:.4g}' for length in place)}</button></li>"
         for place in places[:_MOST_BUTTONS]
     )
-    listed = table(("x, mm", "y, mm", "z, mm"), ([f"{length:.4g}" for length in place] for place in places), "facts")
-    return (f'<ul class="places">{buttons}</ul>' if buttons else "") + folded(f"{len(places)} places", listed)
+    rows = ([f"{length:.4g}" for length in place] for place in places[:_MOST_LISTED])
+    title = (
+        f"{len(places)} places" if len(places) <= _MOST_LISTED else f"The first {_MOST_LISTED} of {len(places)} places"
+    )
+    listed = folded(title, table(("x, mm", "y, mm", "z, mm"), rows, "facts"))
+    return (f'<ul class="places">{buttons}</ul>' if buttons else "") + listed
 
 
 def _stages(stages: list[Mapping[str, Any]]) -> str:

@@ -46,7 +46,8 @@ def draw_curve(told: Mapping[str, Any]) -> str:
     line = " ".join(f"{frame.x(x):.1f},{frame.y(y):.1f}" for x, y in zip(xs, ys, strict=True))
     rows = ((to_text(x), to_text(y)) for x, y in zip(xs, ys, strict=True))
     titles = (text_of(told.get("x_title")), text_of(told.get("y_title")))
-    about = f"{titles[1]} from {to_text(ys[0])} to {to_text(ys[-1])} over {titles[0]} from {to_text(xs[0])} to {to_text(xs[-1])}."
+    spans = [f"from {to_text(values[0])} to {to_text(values[-1])}" for values in (ys, xs)]
+    about = f"{titles[1]} {spans[0]} over {titles[0]} {spans[1]}."
     return _figure(
         told, frame.axes(*titles) + f'<polyline class="curve" points="{line}"/>', about, table(titles, rows, "facts")
     )

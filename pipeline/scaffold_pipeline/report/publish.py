@@ -24,6 +24,7 @@ from packaging.requirements import Requirement
 from scaffold_pipeline import __version__
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.cores import thread_count
+from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.plan import Plan
 from scaffold_pipeline.records import config_hash
 from scaffold_pipeline.registry import stage_owners
@@ -66,13 +67,22 @@ def publish_page(folder: Path) -> Path:
     with locked(folder), _staging(folder) as name:
         earlier = record["files"].get(PAGE)
         staging = Path(name)
-        (staging / PAGE).write_text(render_page(read_sources(folder, record)), encoding="utf-8")
+        (staging / PAGE).write_text(_page_of(folder, record), encoding="utf-8")
         record["files"][PAGE] = _file_facts(staging / PAGE)
         _write_json(staging / RECORD, record)
         (staging / PAGE).replace(folder / PAGE)
         if record["files"][PAGE] != earlier:
             (staging / RECORD).replace(folder / RECORD)
     return folder / PAGE
+
+
+def _page_of(folder: Path, record: Mapping[str, Any]) -> str:
+    """Return the page of a run; a record that holds something else than a run writes is an error that says so."""
+    try:
+        return render_page(read_sources(folder, record))
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        place = folder / RECORD
+        raise PipelineError(f"{place}: no page can be made of it ({error}); run the config again") from error
 
 
 def _write_page(staging: Path, record: dict[str, Any]) -> None:

@@ -43,6 +43,7 @@ scaffold-pipeline verify .
 scaffold-pipeline report ."""
 
 _WHAT_THEY_DO = (
-    "The first runs the resolved configuration in a folder of its own. The second makes every result again from the mesh "
-    "that is stored here and compares it with run.json, hash by hash. The third writes this page again from the record."
+    "The first runs the resolved configuration in a folder of its own. The second makes every result again from the "
+    "mesh that is stored here and compares it with run.json, hash by hash. The third writes this page again from the "
+    "record."
 )

@@ -14,7 +14,7 @@ from scaffold_pipeline.report.markup import Number, folded, table, text_of
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the results: the plain name of a metric, its key in `metrics.json`, its meaning in a sentence, its unit."""
+    """A line of the results: a metric's plain name, its key in `metrics.json`, its meaning in a sentence, its unit."""
 
     title: str
     key: str

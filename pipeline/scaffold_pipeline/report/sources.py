@@ -44,7 +44,7 @@ def read_record(folder: Path) -> dict[str, Any]:
     path = folder / RECORD
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-        if all(key in record for key in ("stages", "files", "versions", "platform")):
+        if _is_record(record):
             return record
     except FileNotFoundError as error:
         remedy = "; name one of its points" if (folder / "study.json").is_file() else "; name the folder of a run"
@@ -73,6 +73,17 @@ def read_sources(folder: Path, record: Mapping[str, Any]) -> Sources:
         pictures={name: (folder / name).read_bytes() for name in drawn if name in whole and name != VIEW},
         view=(folder / VIEW).read_bytes() if VIEW in whole else None,
         missing=tuple(name for name in drawn if name not in whole),
+    )
+
+
+def _is_record(found: object) -> bool:
+    """Return whether what stands in a file has the parts of a record."""
+    parts = {"stages": list, "files": dict, "versions": dict, "platform": dict}
+    if not (isinstance(found, dict) and all(isinstance(found.get(key), kind) for key, kind in parts.items())):
+        return False
+    files, stages = found["files"].values(), found["stages"]
+    return all(isinstance(facts, dict) and "sha256" in facts for facts in files) and all(
+        isinstance(stage, dict) for stage in stages
     )
 
 

@@ -30,10 +30,11 @@ function makeSortable(table, valueOf) {
   return rows;
 }
 
-// A cell that shows a number in words carries it: <td data-value="12.5">.
+// A cell that shows a number in words carries it, <td data-value="12.5">, or nothing where it has none.
 function valueOfCell(row, column) {
   const cell = row.cells[column];
-  return cell.dataset.value === undefined ? cell.textContent.trim() : Number(cell.dataset.value);
+  const value = cell.dataset.value;
+  return value === undefined ? cell.textContent.trim() : value && Number(value);
 }
 
 document.querySelectorAll("table.sortable").forEach((table) => makeSortable(table, valueOfCell));

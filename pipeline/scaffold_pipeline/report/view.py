@@ -167,8 +167,6 @@ def _controls(view: View, findings: Sequence[Mapping[str, Any]]) -> str:
         '<span id="view-plane" hidden><label>at <input type="range" id="view-cut"></label> '
         '<output id="view-place" for="view-cut"></output> '
         '<label><input type="checkbox" id="view-flip"> other side</label></span>'
-        '<span class="buttons"><button type="button" id="view-reset">Reset</button> '
-        '<button type="button" id="view-full">Full screen</button></span>'
         + (f'<fieldset class="marks"><legend>Marked places</legend>{marks}</fieldset>' if marks else "")
         + "</div>"
     )
@@ -179,6 +177,8 @@ def _stage(name: str, size: list[float]) -> str:
     return (
         '<div id="view-stage"><canvas id="view-canvas" tabindex="0" role="application" '
         f'aria-label="The solid {name} in 3-D, {extent} mm" aria-describedby="view-help"></canvas>'
+        '<span class="buttons"><button type="button" id="view-reset">Reset</button> '
+        '<button type="button" id="view-full">Full screen</button></span>'
         '<div id="view-bar" aria-hidden="true"></div></div>'
     )
 

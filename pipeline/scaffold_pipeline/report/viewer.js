@@ -159,12 +159,26 @@ function zoomOf(width, height) {
   return (view.zoom * 0.98 * Math.min(width, height) * unit) / Math.hypot(...facts.size);
 }
 
-// The zoom at which the shape's box just fits in as it is seen at first.
-function firstZoom() {
-  const { right, up } = axesOf(start);
-  const [wide, high] = [right, up].map((axis) => axis.reduce((sum, part, k) => sum + Math.abs(part) * facts.size[k], 0));
+// Starts where the solid and the outer shape, as they are seen at first, just fit in.
+function fitIn(...clouds) {
+  const axes = axesOf(start);
+  const [across, upward] = [axes.right, axes.up].map(([x, y, z]) => {
+    let [low, high] = [Infinity, -Infinity];
+    for (const places of clouds) for (let i = 0; i < places.length; i += 3) {
+      const along = (x * places[i] + y * places[i + 1] + z * places[i + 2]) / 65535;
+      if (along < low) low = along;
+      if (along > high) high = along;
+    }
+    return { middle: (low + high) / 2, length: high - low || 1 };
+  });
+  const depth = axes.eye.reduce((sum, part, k) => sum + part * middle[k], 0);
+  ["x", "y", "z"].forEach((key, k) => {
+    start[key] = across.middle * axes.right[k] + upward.middle * axes.up[k] + depth * axes.eye[k];
+  });
   const { clientWidth: width, clientHeight: height } = canvas;
-  return (0.9 * Math.min(width / wide, height / high) * Math.hypot(...facts.size)) / (0.98 * Math.min(width, height));
+  start.zoom = 0.88 * Math.min(width / across.length, height / upward.length) / zoomOf(width, height);
+  Object.assign(view, start);
+  Object.assign(aim, start);
 }
 
 let draw = () => {};
@@ -242,7 +256,7 @@ function makePainter(gl, packed) {
   function paintMarks(camera, scale) {
     facts.findings.forEach((finding, index) => {
       if (!part(`finding-${index}`)?.checked || !finding.places.length) return;
-      const at = use(mark, camera, -0.004, 13 * scale);
+      const at = use(mark, camera, -0.012, 13 * scale);
       gl.uniform3fv(at("colour"), rgb(finding.colour));
       gl.uniform4fv(at("cut"), cutPlane());
       for (const isHidden of [true, false]) {
@@ -375,7 +389,7 @@ function connect() {
   part("axis").addEventListener("change", chooseAxis);
   for (const control of document.querySelectorAll("#view input, #view select:not(#view-axis)")) control.addEventListener("input", showControls);
   part("reset").addEventListener("click", reset);
-  part("full").addEventListener("click", () => (document.fullscreenElement ? document.exitFullscreen() : part("stage").requestFullscreen()));
+  part("full").addEventListener("click", () => (document.fullscreenElement ? document.exitFullscreen() : document.getElementById("view").requestFullscreen()));
   part("full").hidden = !document.fullscreenEnabled;
   for (const button of document.querySelectorAll("button[data-place]")) {
     button.hidden = false;
@@ -408,7 +422,7 @@ async function showView() {
   canvas.addEventListener("webglcontextrestored", prepare);
   document.getElementById("view").hidden = false;
   document.body.classList.add("has-view");
-  view.zoom = aim.zoom = start.zoom = firstZoom();
+  fitIn(packed.places, packed.outerPlaces);
   prepare();
   listen();
   connect();

@@ -47,7 +47,8 @@ def nearest_values(points: Floats, vertices: Floats, values: Floats) -> NDArray[
     from scipy.spatial import cKDTree
 
     _, nearest = cKDTree(vertices).query(points)
-    return values[nearest].astype(np.float32)
+    found: NDArray[np.float32] = values[nearest].astype(np.float32)
+    return found
 
 
 def sections(vertices: Floats, faces: Ints, *, x: float, y: float, z: float) -> dict[str, NDArray[np.generic]]:
