@@ -21,7 +21,13 @@ def test_the_plate_config_makes_a_printable_plate_and_its_drawings(tmp_path):
     assert metrics["iso"] < metrics["strut_min"]
     assert metrics["holes"] == metrics["cells"] == 48
     assert metrics["outer_volume_mm3"] == pytest.approx(40.0 * 30.0 * 2.0)
-    assert {"contour.svg", "contour.png"} <= {path.name for path in tmp_path.iterdir()}
+    drawn = {"contour.svg", "contour.png", "view.npz", "section_x.svg", "section_y.svg", "section_z.svg"}
+    assert drawn <= {path.name for path in tmp_path.iterdir()}
+    page = (tmp_path / "report.html").read_bytes()
+    assert b'id="view-canvas"' in page
+    assert page.count(b"data:image/svg+xml") == 4
+    assert main(["report", str(tmp_path)]) == 0
+    assert (tmp_path / "report.html").read_bytes() == page
 
 
 PLANAR = "make_planar_mesh"
