@@ -9,6 +9,7 @@ WHEEL_NEEDS = (
     "scaffold_pipeline/cli.py",
     "scaffold_pipeline/py.typed",
     "scaffold_pipeline/examples/femoral_head.yaml",
+    "scaffold_pipeline/report/painter.js",
     "scaffold_pipeline/report/study_page.js",
     "scaffold_pipeline/report/tables.js",
     "scaffold_pipeline/report/viewer.js",

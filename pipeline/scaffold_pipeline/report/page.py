@@ -31,7 +31,7 @@ _SHORT = 24
 _MOST_BUTTONS, _MOST_LISTED = 12, 200
 """Places of a finding that buttons lead to, and that are listed; the view marks more, `measures.json` has all."""
 
-_VIEWER = Path(__file__).with_name("viewer.js")
+_VIEWER = [Path(__file__).with_name(name) for name in ("painter.js", "viewer.js")]
 _PREVIEW = "preview.png"
 _WIDTH = re.compile(rb'<svg [^>]{0,100}\bwidth="([0-9.]{1,12})mm"')
 _TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
@@ -60,7 +60,8 @@ def render_page(sources: Sources) -> str:
     }
     parts = [_headline(record, name, metrics), contents(sections), _solid(sources, name), view]
     parts += [section(title, content) for title, content in sections.items()]
-    script = TABLES.read_text(encoding="utf-8") + (_VIEWER.read_text(encoding="utf-8") if "view-data" in view else "")
+    scripts = [TABLES, *(_VIEWER if "view-data" in view else ())]
+    script = "".join(path.read_text(encoding="utf-8") for path in scripts)
     return document(to_text(record.get("name")), parts, style=STYLE, script=script)
 
 
