@@ -204,6 +204,6 @@ def _told(view: View) -> str:
 
 
 _HELP = (
-    "Drag, or use the arrow keys, to turn it; the wheel, two fingers, + and \u2212 make it larger and smaller; drag "
-    "with Shift, or Shift and arrow keys, to move it; Home shows it as at first."
+    "Drag, or use the arrow keys, to turn it; then the wheel, or two fingers, + and \u2212, make it larger and "
+    "smaller; drag with Shift, or Shift and arrow keys, to move it; Home shows it as at first."
 )

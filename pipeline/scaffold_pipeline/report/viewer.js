@@ -161,6 +161,7 @@ function listen() {
     else turnBy(-0.008 * right, -0.008 * up);
   });
   canvas.addEventListener("wheel", (event) => {
+    if (document.activeElement !== canvas) return; // else the page could not be scrolled past it
     event.preventDefault();
     zoomBy(Math.exp(-0.0015 * event.deltaY * (event.deltaMode ? 30 : 1)));
   }, { passive: false });
@@ -221,7 +222,7 @@ function showPicture(why) {
 
 async function showView() {
   if (typeof DecompressionStream === "undefined") return showPicture("the browser is too old");
-  const options = { antialias: true, alpha: true, premultipliedAlpha: true, preserveDrawingBuffer: true };
+  const options = { antialias: true, alpha: true, premultipliedAlpha: true };
   const gl = canvas.getContext("webgl2", options);
   if (!gl) return showPicture("the browser has no WebGL 2");
   const packed = await unpack(part("data").textContent);
