@@ -134,7 +134,7 @@ def test_a_graded_mesh_is_reached_everywhere_by_its_local_sizes():
 
 
 @pytest.mark.parametrize(("c", "is_wide"), [(None, True), (0.01, False)])
-def test_channels_of_flat_cells_leave_the_struts_beside_them_whole(c: float | None, is_wide: bool):
+def test_channels_of_flat_cells_leave_the_struts_beside_them_whole(c, is_wide):
     mesh = tetrahedra((2, 2, 2))
     mesh.vertices[(mesh.vertices == 1.0).all(axis=1)] = (1.0, 1.0, 0.03)  # the middle, down to the cells beneath
     certificate = field_of(oriented(mesh), voxel_size=0.25, c=c).certificate
