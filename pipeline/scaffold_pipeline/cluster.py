@@ -10,6 +10,7 @@ import asyncio
 import logging
 import os
 import pickle
+import platform
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -24,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 from scaffold_pipeline.cores import THREAD_VARIABLES, thread_count, use_one_blas_thread
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.isolation import die_with_parent
+from scaffold_pipeline.report.publish import library_versions
 from scaffold_pipeline.workers import Crew
 
 if TYPE_CHECKING:
@@ -36,12 +38,14 @@ PATIENCE = 5.0
 def cluster_crew(address: str, most: int, count: int | None = None) -> Crew:
     """Return the workers of the scheduler at `address`: `count` points at once, by default one a worker.
 
-    There are `most` at most. Raises `PipelineError` where none answers, or it has no workers.
+    There are `most` at most. Raises `PipelineError` where none answers, or it has no workers, or one of them has other
+    versions of what results come from: they would depend on who worked.
     """
     with _client(address) as client:
         found = client.scheduler_info(n_workers=-1)["workers"].values()
-    if not found:
-        raise PipelineError(f"{address}: the scheduler has no workers; start some with `dask worker {address}`")
+        if not found:
+            raise PipelineError(f"{address}: the scheduler has no workers; start some with `dask worker {address}`")
+        _require_same_versions(address, client)
     memory = sum(worker["memory_limit"] or sys.maxsize for worker in found)
     return Crew(min(count or len(found), most), memory, partial(_cluster, address))
 
@@ -64,6 +68,25 @@ def _client(address: str) -> Iterator[Client]:
         raise PipelineError(message) from error
     with client:
         yield client
+
+
+def _require_same_versions(address: str, client: Client) -> None:
+    here = _versions()
+    for worker, there in client.run(_versions, on_error="return").items():
+        if not isinstance(there, dict):  # the error of a worker that has not got this package, or of another age
+            raise PipelineError(
+                f"{address}: worker {worker} cannot take part ({there}); install scaffold-pipeline there"
+            )
+        for name in sorted(here):
+            if there.get(name) != here[name]:
+                raise PipelineError(
+                    f"{address}: worker {worker} has {name} {there.get(name)}, here it is {here[name]}, so results "
+                    "would depend on who computes them; install the same versions on both"
+                )
+
+
+def _versions() -> dict[str, str]:
+    return {"python": platform.python_version(), **library_versions()}
 
 
 async def _shake_hands(address: str) -> None:
