@@ -13,7 +13,7 @@ import pickle
 import platform
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from functools import partial
@@ -42,12 +42,29 @@ def cluster_crew(address: str, most: int, count: int | None = None) -> Crew:
     versions of what results come from: they would depend on who worked.
     """
     with _client(address) as client:
-        found = client.scheduler_info(n_workers=-1)["workers"].values()
-        if not found:
-            raise PipelineError(f"{address}: the scheduler has no workers; start some with `dask worker {address}`")
-        _require_same_versions(address, client)
+        found = _workers(address, client)
     memory = sum(worker["memory_limit"] or sys.maxsize for worker in found)
     return Crew(min(count or len(found), most), memory, partial(_cluster, address))
+
+
+@contextmanager
+def cluster_executor(address: str | None) -> Iterator[Executor | None]:
+    """Give an executor of the scheduler's workers, which are checked as for a crew; none without an address."""
+    if address is None:
+        yield None
+        return
+    with _client(address) as client:
+        _workers(address, client)
+        yield _Cluster(address, client.get_executor(pure=False))
+
+
+def _workers(address: str, client: Client) -> Collection[dict[str, Any]]:
+    """Return what the scheduler tells of each worker; raises `PipelineError` where there is none, or an unlike one."""
+    found: dict[str, dict[str, Any]] = client.scheduler_info(n_workers=-1)["workers"]
+    if not found:
+        raise PipelineError(f"{address}: the scheduler has no workers; start some with `dask worker {address}`")
+    _require_same_versions(address, client)
+    return found.values()
 
 
 @contextmanager

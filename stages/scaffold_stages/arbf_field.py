@@ -7,6 +7,7 @@ interpolation, for small meshes; `normalised` is local and bounded, and works on
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from functools import cache, partial
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,14 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import CellMesh, Fact, Floats, Ints, OuterShape
+from scaffold_pipeline.artifacts import CellMesh, Fact, Floats, OuterShape
 from scaffold_pipeline.contract import Unit, stage
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
 from scaffold_stages._fields.mesh_field import MeshField, sampled_field
 from scaffold_stages._fields.sampling import SamplingParams, Voxels
-from scaffold_stages._kernels.grids import Bools
 
 if TYPE_CHECKING:
     from scaffold_stages._kernels.shepard import Bins, Segments
@@ -87,19 +87,23 @@ class ArbfFieldParams(SamplingParams):
 
 
 @stage(writes="field", version=7, libraries=("llvmlite", "numba", "scipy", "vtk"))
-def arbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: ArbfFieldParams) -> ScalarField:
+def arbf_field(
+    mesh: CellMesh, outer: OuterShape | None = None, *, params: ArbfFieldParams, executor: Executor | None = None
+) -> ScalarField:
     """Compute the ARBF field of a mesh on voxels over the outer shape, and certify its connectivity.
 
     Samples more than two voxels outside the outer shape are void (-1). A planar mesh can do without one; its samples
     are one layer in its plane. Its channels end on its edges: no iso has all channels open and all struts whole.
+    A large `normalised` field is computed in slabs by `executor`, if there is one: no bit of it depends on that.
     Raises `StageError` where the grid or the exact system needs more memory than there is, or the support is too small
     to reach every point.
     """
-    field_of = _normalised if params.interpolation == "normalised" else _exact
+    of_normalised = partial(_normalised, executor=executor)
+    field_of = of_normalised if params.interpolation == "normalised" else _exact
     return sampled_field(mesh, outer, params, partial(field_of, params=params))
 
 
-def _normalised(skeleton: Skeleton, params: ArbfFieldParams) -> MeshField:
+def _normalised(skeleton: Skeleton, params: ArbfFieldParams, executor: Executor | None) -> MeshField:
     from scaffold_stages._kernels.shepard import segments_of
 
     support = params.support or _SUPPORT
@@ -115,20 +119,18 @@ def _normalised(skeleton: Skeleton, params: ArbfFieldParams) -> MeshField:
         "local_support": float(np.sqrt(segments.reaches.max()) * segments.unit),
     }
     at = _at_points(segments)
-    return MeshField(lambda voxels: _on_tiles(segments, voxels, support), at, partial(at, precision=np.float32), facts)
+    return MeshField(
+        lambda voxels: _on_voxels(segments, voxels, support, executor), at, partial(at, precision=np.float32), facts
+    )
 
 
-def _on_tiles(segments: Segments, voxels: Voxels, support: float) -> NDArray[np.float32]:
-    from scaffold_stages._kernels.shepard import bin_segments
-    from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
+def _on_voxels(segments: Segments, voxels: Voxels, support: float, executor: Executor | None) -> NDArray[np.float32]:
+    from scaffold_stages._fields.slabs import filled, in_slabs
 
-    first, step = (voxels.origin - segments.centre) / segments.unit, voxels.spacing / segments.unit
-    samples = TILE * max(round(_BOX / (TILE * step)), 1)
-    nx, ny, nz = (-(-count // samples) for count in voxels.inside.shape)
-    bins = bin_segments(segments, first - step / 2.0, np.full(3, samples * step), (nx, ny, nz))
-    values = np.full(voxels.inside.shape, -1.0, np.float32)
-    active = _active_tiles(voxels.near, TILE)
-    half_reached = field_on_tiles(segments, bins, first, step, active, voxels.inside, values)
+    if executor is None:
+        values, half_reached = filled(segments, voxels, _BOX)
+    else:
+        values, half_reached = in_slabs(segments, voxels, _BOX, executor)
     _require_reached(half_reached, support)
     return values
 
@@ -150,13 +152,6 @@ def _at_points(segments: Segments) -> Callable[..., Floats]:
         return field_at(segments, bins(), (points - segments.centre) / segments.unit, precision)
 
     return at
-
-
-def _active_tiles(near: Bools, size: int) -> Ints:
-    """Return the numbers of the tiles of `size` samples that hold one of `near`, (nx, ny, nz), last axis fastest."""
-    for axis, count in enumerate(near.shape):
-        near = np.logical_or.reduceat(near, np.arange(0, count, size), axis=axis)
-    return np.flatnonzero(near)
 
 
 def _require_reached(half_reached: int, support: float) -> None:
