@@ -43,8 +43,8 @@ def inscribed_box(image: VoxelImage) -> InscribedBox | None:
     than two blocks a side.
     """
     size = -(-max(image.phases.shape) // _BLOCKS)
-    found = largest_cuboid(_blocks_inside(image, size))
-    found = found * size if found[1].any() else _one_voxel(image)
+    blocks: Ints = largest_cuboid(_blocks_inside(image, size))
+    found = size * blocks if blocks.any() else _one_voxel(image)
     if found is None:
         return None
     _grow(image, found)

@@ -68,7 +68,7 @@ def transport(image: VoxelImage, most_cells: int = 1_000_000) -> Transport | Non
     if box is None or box.sides.min() < 2:  # noqa: PLR2004 - every second voxel of it must be left
         return None
     pores = image.phases[tuple(slice(*ends) for ends in zip(box.first, box.end, strict=True))] == PORE
-    factor = _factor(np.count_nonzero(pores), most_cells, int(box.sides.min()))
+    factor = _factor(int(np.count_nonzero(pores)), most_cells, int(box.sides.min()))
     box = _trimmed(box, 2 * factor)
     pores = pores[tuple(slice(side) for side in box.sides)]
     axes = diffusion_through(pores, factor)
@@ -120,6 +120,6 @@ def _relative_diffusivities(pores: Bools, factor: int) -> list[tuple[float, floa
 
 def _through(is_open: Bools, factor: int, axis: int) -> tuple[float, float]:
     counts = [length // factor for length in is_open.shape]
-    blocks = is_open.reshape(counts[0], factor, counts[1], factor, counts[2], factor).any(axis=(1, 3, 5))
+    blocks = np.asarray(is_open.reshape(counts[0], factor, counts[1], factor, counts[2], factor).any(axis=(1, 3, 5)))
     flow = flow_through(blocks, links_between(is_open, factor), axis)
     return flow * counts[axis] ** 2 / blocks.size, float(np.count_nonzero(is_open) / is_open.size)
