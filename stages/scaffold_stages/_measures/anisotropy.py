@@ -58,7 +58,8 @@ def anisotropy(vertices: Floats, faces: Ints, volume: float) -> Anisotropy | Non
 
     is what ever more lines through the whole shape tend to (Cauchy, Crofton; with voxels' gradients for triangles:
     R. Moreno, M. Borga, O. Smedby, Med. Phys. 39 (2012) 4599-4612). Lines through voxels, the common way, meet the
-    stairs of walls nearly parallel to them several times: a gyroid stretched to twice its length had a ratio of 1.78.
+    stairs of walls nearly parallel to them several times: balls 10 voxels thick stretched to twice their length had a
+    ratio of 1.73 by 300,000 lines and trilinear interpolation, and have one of 2.01 by the triangles of the same grid.
 
     1 / MIL^2 is fitted by n . M n, least squares over 1000 directions n; the semi-axes are M's eigenvalues to the power
     -1/2, along its eigenvectors (T. P. Harrigan, R. W. Mann, J. Mater. Sci. 19 (1984) 761-767). The finite number of

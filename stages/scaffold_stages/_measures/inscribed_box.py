@@ -49,7 +49,7 @@ def inscribed_box(image: VoxelImage) -> InscribedBox | None:
         return None
     _grow(image, found)
     inside = image.phases.size - np.count_nonzero(image.is_phase(OUTSIDE))
-    return InscribedBox(found[0], found[1], float(np.prod(found[1] - found[0])) / inside)
+    return InscribedBox(found[0], found[1], float(np.prod(found[1] - found[0]) / inside))
 
 
 def _blocks_inside(image: VoxelImage, size: int) -> Bools:

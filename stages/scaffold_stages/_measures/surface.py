@@ -60,7 +60,7 @@ def surface_measures(solid: Surface, volumes: tuple[float, float], is_of_pores: 
     """Measure the surface of a `solid`, (n, 3) mm and (m, 3), of whose faces `is_of_pores`, (m,), are walls of pores.
 
     `volumes`, mm^3: the solid's and that of the outer shape. From the triangles: exact but for the rounding of the
-    file, where an area that is counted on voxels is 8 % or more too large.
+    file, where triangles drawn about the voxels of a ball have 8.5 to 9 % too much area, however small the voxels.
     """
     areas = face_areas(*solid)
     return SurfaceMeasures(float(areas.sum()), float(areas[is_of_pores].sum()), *volumes)
