@@ -9,7 +9,7 @@ import pytest
 
 from scaffold_stages._kernels.tpms import gyroid
 from scaffold_stages._measures import conduction
-from scaffold_stages._measures.conduction import MissingPhysicsError, flow_through, links_between
+from scaffold_stages._measures.conduction import flow_through, links_between
 from scaffold_stages._measures.image import OUTSIDE, PORE, STRUT, VoxelImage
 from scaffold_stages._measures.transport import diffusion_through, transport
 
@@ -188,12 +188,6 @@ def test_the_result_is_the_same_to_the_bit_whatever_numpy_draws():
         results.append(diffusion_through(pores))
     np.random.set_state(state)  # noqa: NPY002
     assert results[0] == results[1]
-
-
-def test_without_pyamg_the_error_names_the_remedy(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(conduction, "find_spec", lambda _: None)
-    with pytest.raises(MissingPhysicsError, match=r"pip install 'scaffold-pipeline\[physics\]'"):
-        diffusion_through(np.ones((4, 4, 4), bool))
 
 
 def test_equations_that_do_not_converge_are_an_error(monkeypatch: pytest.MonkeyPatch):

@@ -7,7 +7,6 @@ are 1 on the face where the flow enters and 0 on the opposite one.
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,15 +25,6 @@ _MOST_STEPS = 300
 """Steps of the conjugate gradients before giving up; 20 are enough for four million cells."""
 
 _NO_CELL = -1
-
-
-class MissingPhysicsError(StageError):
-    """The library that solves the equations is not installed."""
-
-
-def has_solver() -> bool:
-    """Return whether the library that solves the equations is installed."""
-    return find_spec("pyamg") is not None
 
 
 def links_between(is_open: Bools, factor: int) -> Links:
@@ -67,14 +57,9 @@ def flow_through(cells: Bools, links: Links, axis: int) -> float:
 
     Every cell must be joined by links above 0 to both ends. Conjugate gradients on the equations of balance,
     preconditioned by multigrid (smoothed aggregation: Vanek, Mandel, Brezina 1996, of pyamg). Nothing in it is random
-    or depends on the number of threads, so the flow is the same to the bit. Raises `MissingPhysicsError` without
-    pyamg, and `StageError` where the equations are not solved in 300 steps.
+    or depends on the number of threads, so the flow is the same to the bit. Raises `StageError` where the equations are
+    not solved in 300 steps.
     """
-    if not has_solver():
-        raise MissingPhysicsError(
-            "transport: the diffusion through the pores needs pyamg; install it by "
-            "`pip install 'scaffold-pipeline[physics]'`"
-        )
     from scipy.sparse import csr_array
 
     values, columns, inflow = _equations(cells, links, axis)

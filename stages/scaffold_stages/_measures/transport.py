@@ -63,7 +63,7 @@ def transport(image: VoxelImage, most_cells: int = 1_000_000) -> Transport | Non
     blocks of 2, 4 and 8 voxels of 96 to a cell of a gyroid changed D_eff by 0.2, 0.5 and 1.1 %. The staircase of voxels
     makes D_eff too small, by 3 % at 48 voxels a cell. Both errors are in proportion to the voxels, so that the same on
     every second voxel tells by how much; within a factor of two from 16 voxels a cell. A million cells take 10 s an
-    axis and, with an image of 512^3, 1.5 GB. Raises `MissingPhysicsError` where pyamg is not installed.
+    axis and, with an image of 512^3, 1.5 GB.
     """
     box = inscribed_box(image)
     if box is None or box.sides.min() < 2:  # noqa: PLR2004 - every second voxel of it must be left
