@@ -194,3 +194,11 @@ def test_equations_that_do_not_converge_are_an_error(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(conduction, "_MOST_STEPS", 1)
     with pytest.raises(conduction.StageError, match="not solved in 1 steps; use larger voxels"):
         diffusion_through(gyroid_pores(24))
+
+
+def test_tortuosity_is_porespys_where_concentrations_are_held_in_the_outermost_voxels():
+    """PoreSpy 3.2's `tortuosity_fd` gave the number; it needs OpenPNM and with that MKL, too much for these tests."""
+    pores = gyroid_pores(40)
+    x, y, z = links_between(pores, 1)
+    flow = flow_through(pores[1:-1], (x[1:-1], y[1:-1], z[1:-1]), 0)
+    assert pores.sum() / len(pores) / (flow * (len(pores) - 1)) == pytest.approx(1.40442156, abs=1e-7)
