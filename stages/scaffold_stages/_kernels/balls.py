@@ -24,8 +24,54 @@ Bools = NDArray[np.bool_]
 _LAYERS = 16
 """Layers of the image that a thread paints at a time."""
 
+MOST_PAINTED = 4e10
+"""Voxels painted for one image at most, each as often as balls hold it: a minute or two of two cores."""
+
 TABLE_END = 4096
 """Squared radius up to which balls are compared voxel by voxel; above, as if they were round."""
+
+
+def greatest_balls(squared: Singles) -> Singles:
+    """Return the squared radius of the greatest ball over each voxel, of `squared` (nx, ny, nz) about each, 0 for none.
+
+    Exact where the balls hold fewer than `MOST_PAINTED` voxels in all. Above, they are painted on voxels twice as
+    large, and so on: each then reaches half a diagonal of these further, so that no voxel gets too small a value, and
+    one nearer than a diagonal to a greater ball may get its.
+    """
+    coarse, step = squared, 1
+    while True:
+        needed = np.empty(coarse.shape, bool)
+        mark_needed(coarse, containment_table(TABLE_END), needed)
+        centres = np.flatnonzero(needed)
+        values = coarse.ravel()[centres]
+        if 4.0 / 3.0 * math.pi * float((values.astype(np.float64) ** 1.5).sum()) <= MOST_PAINTED:
+            break
+        coarse, step = _halved(coarse), 2 * step
+    greatest = coarse.copy()
+    reaches = values if step == 1 else np.ceil((np.sqrt(values) + np.float32(math.sqrt(0.75))) ** 2)
+    paint_balls(centres, reaches, values, greatest)
+    return greatest if step == 1 else _refined(greatest, step, squared)
+
+
+def _halved(squared: Singles) -> Singles:
+    """Return the greatest of each 2 x 2 x 2 voxels, in voxels twice as large."""
+    even = np.pad(squared, [(0, count % 2) for count in squared.shape])
+    for axis in range(3):
+        pairs = np.moveaxis(even, axis, 0)
+        even = np.moveaxis(np.maximum(pairs[::2], pairs[1::2]), 0, axis)
+    return np.ascontiguousarray(np.floor(even / np.float32(4.0)))
+
+
+def _refined(greatest: Singles, step: int, squared: Singles) -> Singles:
+    """Return the values of voxels `step` times as large, where there are balls, on the voxels themselves."""
+    fine = squared.copy()
+    for x in range(step):
+        for y in range(step):
+            for z in range(step):
+                part = fine[x::step, y::step, z::step]
+                found = greatest[: part.shape[0], : part.shape[1], : part.shape[2]] * np.float32(step**2)
+                np.maximum(part, found, out=part, where=part > 0.0)
+    return fine
 
 
 @kernel
@@ -35,7 +81,7 @@ def containment_table(end: int) -> Singles:
     n is 1, 2 or 3 for a neighbour across a face, an edge or a corner: its squared distance.
     """
     table = np.zeros((4, end + 1), np.float32)
-    reach = int(math.ceil(math.sqrt(end)))
+    reach = math.ceil(math.sqrt(end))
     for x in range(-reach, reach + 1):
         for y in range(-reach, reach + 1):
             for z in range(-reach, reach + 1):
@@ -92,36 +138,37 @@ def _is_needed(squared: Singles, table: Singles, i: int, j: int, k: int) -> bool
 
 
 @parallel_kernel
-def paint_balls(centres: Ints, radii: Singles, greatest: Singles) -> None:
-    """Raise `greatest` (nx, ny, nz) to the squared radius of each ball over it.
+def paint_balls(centres: Ints, reaches: Singles, values: Singles, greatest: Singles) -> None:
+    """Raise `greatest` (nx, ny, nz) to the value of each ball over it.
 
-    `centres` (n,) are flat indices, rising; `radii` (n,) squared. Each thread paints layers of its own.
+    `centres` (n,) are flat indices, rising; `reaches` (n,) squared radii, in whole numbers. Each thread paints layers
+    of its own.
     """
     nx, ny, nz = greatest.shape
-    farthest = _reach(radii.max()) if len(radii) else 0
+    farthest = _reach(reaches.max()) if len(reaches) else 0
     for slab in prange((nx + _LAYERS - 1) // _LAYERS):
         low, high = slab * _LAYERS, min((slab + 1) * _LAYERS, nx)
         first = np.searchsorted(centres, (low - farthest) * ny * nz)
         last = np.searchsorted(centres, (high + farthest) * ny * nz)
         for ball in range(first, last):
-            _paint(centres[ball], radii[ball], low, high, greatest)
+            _paint(centres[ball], reaches[ball], values[ball], low, high, greatest)
 
 
 @kernel
-def _paint(centre: int, own: float, low: int, high: int, greatest: Singles) -> None:
+def _paint(centre: int, squared: float, value: float, low: int, high: int, greatest: Singles) -> None:
     _, ny, nz = greatest.shape
     k = centre % nz
     j = centre // nz % ny
     i = centre // nz // ny
-    reach = _reach(own)
+    reach = _reach(squared)
     for x in range(max(i - reach, low), min(i + reach + 1, high)):
-        left = own - (x - i) * (x - i)
+        left = squared - (x - i) * (x - i)
         across = _reach(left)
         for y in range(max(j - across, 0), min(j + across + 1, ny)):
             along = _reach(left - (y - j) * (y - j))
             row = greatest[x, y, max(k - along, 0) : min(k + along + 1, nz)]
             for z in range(len(row)):
-                row[z] = max(row[z], own)
+                row[z] = max(row[z], value)
 
 
 @kernel(inline=True)

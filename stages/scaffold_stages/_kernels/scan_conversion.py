@@ -30,22 +30,24 @@ def add_turns(vertices: Floats, faces: Ints, turns: NDArray[np.int8], sums: NDAr
     """
     nx, ny, nz = turns.shape
     corner = np.empty((3, 3))
-    ends = np.empty((2, 2))  # x and z where the row leaves the triangle to the left of a rising edge, and of a falling one
+    ends = np.empty(
+        (2, 2)
+    )  # x and z where the row leaves the triangle to the left of a rising edge, and of a falling one
     for face in range(len(faces)):
         for side in range(3):
             for axis in range(3):
                 corner[side, axis] = vertices[faces[face, side], axis]
         low = min(corner[0, 1], corner[1, 1], corner[2, 1])
         high = max(corner[0, 1], corner[1, 1], corner[2, 1])
-        for row in range(max(int(math.ceil(low)), 0), min(int(math.ceil(high)), ny)):
+        for row in range(max(math.ceil(low), 0), min(math.ceil(high), ny)):
             _cut(corner, row, ends)
             rises, falls = ends[0, 0], ends[1, 0]
             sign = -1 if rises > falls else 1
             first, last = math.ceil(min(rises, falls)), math.ceil(max(rises, falls))
-            for column in range(max(int(first), 0), min(int(last), nx)):
+            for column in range(max(first, 0), min(last, nx)):
                 height = ends[1, 1] + (column - falls) / (rises - falls) * (ends[0, 1] - ends[1, 1])
                 sums[column, row] += sign
-                above = max(int(math.ceil(height)), 0)
+                above = max(math.ceil(height), 0)
                 if above < nz:
                     turns[column, row, above] += sign
 

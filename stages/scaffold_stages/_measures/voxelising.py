@@ -45,9 +45,9 @@ def finest_spacing(bounds: Floats, most_voxels: float) -> float:
 
     It is within some per cent of the least such spacing.
     """
-    spacing = float(np.prod(bounds[1] - bounds[0]) / most_voxels) ** (1.0 / 3.0)
+    spacing = math.cbrt(float(np.prod(bounds[1] - bounds[0])) / most_voxels)
     while (voxels := math.prod(_shape_of(bounds, spacing))) > most_voxels:
-        spacing *= max((voxels / most_voxels) ** (1.0 / 3.0), _GROWTH)
+        spacing *= max(math.cbrt(voxels / most_voxels), _GROWTH)
     return spacing
 
 
@@ -59,7 +59,9 @@ def _shape_of(bounds: Floats, spacing: float) -> tuple[int, int, int]:
     return int(counts[0]), int(counts[1]), int(counts[2])
 
 
-def _turns(surface: Surface, origin: Floats, spacing: float, shape: tuple[int, int, int], name: str) -> NDArray[np.int8]:
+def _turns(
+    surface: Surface, origin: Floats, spacing: float, shape: tuple[int, int, int], name: str
+) -> NDArray[np.int8]:
     from scaffold_stages._kernels.scan_conversion import add_turns
 
     turns, sums = np.zeros(shape, np.int8), np.zeros(shape[:2], np.int32)
