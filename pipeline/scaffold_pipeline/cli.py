@@ -62,6 +62,7 @@ def run(  # noqa: PLR0913 - one argument an option
     force: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     dry_run: Annotated[bool, Parameter(name=["--dry-run", "-n"])] = False,
     cache_folder: CacheFolder = None,
+    scheduler: str | None = None,
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
@@ -79,8 +80,11 @@ def run(  # noqa: PLR0913 - one argument an option
         Run all stages again, or those named here; give it after CONFIG.
     dry_run
         Print what would run, and run nothing.
+    scheduler
+        Address of a Dask scheduler whose workers compute large fields in slabs; all else is computed here.
     """
     from scaffold_pipeline import runner
+    from scaffold_pipeline.cluster import cluster_executor
     from scaffold_pipeline.console import watch
     from scaffold_pipeline.report.publish import publish, run_metrics
 
@@ -94,8 +98,10 @@ def run(  # noqa: PLR0913 - one argument an option
         reused = [label for label in wanted if label in unchanged]
         lines = [f"{label}: {'unchanged' if label in reused else 'to run'}" for label in wanted]
         return answer({"stages": wanted, "unchanged": reused}, "\n".join(lines), as_json=as_json)
-    with runner.locked(folder), watch(quiet=quiet or as_json) as progress:
-        result = runner.execute(plan, folder, until=until, force=forced, progress=progress, cache=shared)
+    with cluster_executor(scheduler) as others, runner.locked(folder), watch(quiet=quiet or as_json) as progress:
+        result = runner.execute(
+            plan, folder, until=until, force=forced, progress=progress, cache=shared, executor=others
+        )
         if result.is_complete:
             publish(plan, result, folder)
     if shared is not None:

@@ -10,9 +10,10 @@ import asyncio
 import logging
 import os
 import pickle
+import platform
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import contextmanager
 from functools import partial
@@ -24,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 from scaffold_pipeline.cores import THREAD_VARIABLES, thread_count, use_one_blas_thread
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.isolation import die_with_parent
+from scaffold_pipeline.report.publish import library_versions
 from scaffold_pipeline.workers import Crew
 
 if TYPE_CHECKING:
@@ -36,14 +38,33 @@ PATIENCE = 5.0
 def cluster_crew(address: str, most: int, count: int | None = None) -> Crew:
     """Return the workers of the scheduler at `address`: `count` points at once, by default one a worker.
 
-    There are `most` at most. Raises `PipelineError` where none answers, or it has no workers.
+    There are `most` at most. Raises `PipelineError` where none answers, or it has no workers, or one of them has other
+    versions of what results come from: they would depend on who worked.
     """
     with _client(address) as client:
-        found = client.scheduler_info(n_workers=-1)["workers"].values()
-    if not found:
-        raise PipelineError(f"{address}: the scheduler has no workers; start some with `dask worker {address}`")
+        found = _workers(address, client)
     memory = sum(worker["memory_limit"] or sys.maxsize for worker in found)
     return Crew(min(count or len(found), most), memory, partial(_cluster, address))
+
+
+@contextmanager
+def cluster_executor(address: str | None) -> Iterator[Executor | None]:
+    """Give an executor of the scheduler's workers, which are checked as for a crew; none without an address."""
+    if address is None:
+        yield None
+        return
+    with _client(address) as client:
+        _workers(address, client)
+        yield _Cluster(address, client.get_executor(pure=False))
+
+
+def _workers(address: str, client: Client) -> Collection[dict[str, Any]]:
+    """Return what the scheduler tells of each worker; raises `PipelineError` where there is none, or an unlike one."""
+    found: dict[str, dict[str, Any]] = client.scheduler_info(n_workers=-1)["workers"]
+    if not found:
+        raise PipelineError(f"{address}: the scheduler has no workers; start some with `dask worker {address}`")
+    _require_same_versions(address, client)
+    return found.values()
 
 
 @contextmanager
@@ -64,6 +85,25 @@ def _client(address: str) -> Iterator[Client]:
         raise PipelineError(message) from error
     with client:
         yield client
+
+
+def _require_same_versions(address: str, client: Client) -> None:
+    here = _versions()
+    for worker, there in client.run(_versions, on_error="return").items():
+        if not isinstance(there, dict):  # the error of a worker that has not got this package, or of another age
+            raise PipelineError(
+                f"{address}: worker {worker} cannot take part ({there}); install scaffold-pipeline there"
+            )
+        for name in sorted(here):
+            if there.get(name) != here[name]:
+                raise PipelineError(
+                    f"{address}: worker {worker} has {name} {there.get(name)}, here it is {here[name]}, so results "
+                    "would depend on who computes them; install the same versions on both"
+                )
+
+
+def _versions() -> dict[str, str]:
+    return {"python": platform.python_version(), **library_versions()}
 
 
 async def _shake_hands(address: str) -> None:

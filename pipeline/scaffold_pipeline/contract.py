@@ -8,7 +8,8 @@
 
 The names of the positional arguments are the slots read, their annotations the types; `X | None = None` reads
 a slot that may be absent. Keyword arguments are the engine's: `params`; `rng` where the stage is random; `out`, a
-folder, where the stage writes files; `config_hash` where its files name the configuration that they come from.
+folder, where the stage writes files; `config_hash` where its files name the configuration that they come from;
+`executor`, an `Executor` or None, where others can compute parts of it, on which no bit of the result may depend.
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.errors import StageDefinitionError
 
 _DECLARATION = "__scaffold_stage__"
-_ENGINE_ARGUMENTS = frozenset({"params", "rng", "out", "config_hash"})
+_ENGINE_ARGUMENTS = frozenset({"params", "rng", "out", "config_hash", "executor"})
 
 StageFunction = TypeVar("StageFunction", bound=Callable[..., Artifact])
 

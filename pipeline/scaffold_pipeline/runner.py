@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
@@ -53,7 +54,10 @@ class Progress:
 
 @dataclass(frozen=True)
 class _Run:
-    """What one call of `execute` works on; `forced` are the labels still to be run though they are stored."""
+    """What one call of `execute` works on; `forced` are the labels still to be run though they are stored.
+
+    `executor` is who else can work on parts of a stage, if anybody.
+    """
 
     plan: Plan
     store: Store
@@ -61,6 +65,7 @@ class _Run:
     forced: set[str]
     progress: Progress
     cache: Cache | None
+    executor: Executor | None
     messages: list[str] = field(default_factory=list)
 
     @cached_property
@@ -103,7 +108,7 @@ class RunResult:
         return {name: digest for step in self.steps for name, digest in step.files.items()}
 
 
-def execute(
+def execute(  # noqa: PLR0913 - all but two by name, each a choice of its own
     plan: Plan,
     out: Path,
     *,
@@ -111,10 +116,12 @@ def execute(
     force: Collection[str] = (),
     progress: Progress | None = None,
     cache: Cache | None = None,
+    executor: Executor | None = None,
 ) -> RunResult:
     """Run `plan` with its results stored in `out`, as far as the step labelled `until`.
 
-    What another run has put into `cache` is used, and what is made here put there. Steps whose labels are in `force`
+    What another run has put into `cache` is used, and what is made here put there. Stages that can be computed in parts
+    give these to `executor`, whose processes have the same packages. Steps whose labels are in `force`
     are run again though their results are stored. Raises `StageError` for a stage that fails; what was finished before
     it stays stored.
     """
@@ -122,7 +129,7 @@ def execute(
     with locked(out):
         store = Store(out / STORE)
         store.prepare()
-        run = _Run(plan, store, until, set(force), progress or Progress(), cache)
+        run = _Run(plan, store, until, set(force), progress or Progress(), cache, executor)
         records, metrics = _run_despite_damage(run)
         is_complete = len(records) == len(plan.steps)
         if is_complete:
@@ -268,7 +275,7 @@ def _run_step(run: _Run, step: Step, key: str, state: _State) -> tuple[StepRecor
     started, files_read = time.monotonic(), input_files(step)
     inputs = {argument: _value(slot, run, state) for argument, slot in step.sources.items()}
     with TemporaryDirectory(dir=run.store.root, prefix=OUT_PREFIX) as folder, PeakMemory() as memory:
-        engine = _engine_arguments(run.plan, step, Path(folder))
+        engine = _engine_arguments(run, step, Path(folder))
         output, messages = _call(step, {**inputs, **engine})
         files = _save_files(step, Path(folder), run.store)
     if input_files(step) != files_read:
@@ -299,13 +306,14 @@ def _run_step(run: _Run, step: Step, key: str, state: _State) -> tuple[StepRecor
     return record, output
 
 
-def _engine_arguments(plan: Plan, step: Step, out: Path) -> dict[str, object]:
+def _engine_arguments(run: _Run, step: Step, out: Path) -> dict[str, object]:
     """Return what the engine gives to the stage beside its slots."""
     offered: dict[str, Callable[[], object]] = {
         "params": lambda: step.params,
-        "rng": lambda: np.random.default_rng(step.seed(plan.seed)),
+        "rng": lambda: np.random.default_rng(step.seed(run.plan.seed)),
         "out": lambda: out,
-        "config_hash": lambda: config_hash(plan),
+        "config_hash": lambda: config_hash(run.plan),
+        "executor": lambda: run.executor,
     }
     return {name: offered[name]() for name in step.stage.engine_arguments}
 

@@ -21,12 +21,14 @@ _USUAL_PEAK = 2**30
 class Task:
     """Something to do, and the hashes of all pieces of work in it: a piece that two have in common is done once.
 
-    `memory` are the bytes that it is expected to need, 0 where nothing is known.
+    `memory` are the bytes that it is expected to need, 0 where nothing is known; `density` is how many voxels it has
+    in a mm^3, 0 where that is not known: as many times more, as many times more memory.
     """
 
     name: str
     pieces: frozenset[str]
     memory: int = 0
+    density: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,11 @@ class Outcome:
     lacks_memory: bool = False
 
 
+def times_finer(density: float, other: float) -> float:
+    """Return how many times as many voxels there are at `density` as at the `other`; 1 where they are fewer."""
+    return max(density / other, 1.0) if other > 0.0 else 1.0
+
+
 @dataclass
 class Schedule:
     """Tasks on their way through an executor: `workers` at once at most, and no more than fit into `memory` bytes.
@@ -55,7 +62,7 @@ class Schedule:
     workers: int
     keep_going: bool = False
     memory: int = sys.maxsize
-    _peak: int = 0
+    _peaks: dict[float, int] = field(default_factory=dict)
     _made: set[str] = field(default_factory=set)
     _deaths: Counter[str] = field(default_factory=Counter)
     _accompanied: set[str] = field(default_factory=set)
@@ -101,8 +108,13 @@ class Schedule:
         """Return whether `task`, which is chosen to be next, may start beside those that run."""
         if self._is_stopped or len(running) >= self.workers:
             return False
-        needed = sum(max(each.memory, self._peak) or _USUAL_PEAK for each in (task, *running))
+        needed = sum(self._needed(each) or _USUAL_PEAK for each in (task, *running))
         return not running or (not self._deaths[task.name] and needed <= self.memory)
+
+    def _needed(self, task: Task) -> int:
+        """Return the bytes that `task` may need, by what is told of it and by those that have ended."""
+        seen = (int(peak * times_finer(task.density, density)) for density, peak in self._peaks.items())
+        return max(task.memory, *seen, 0)
 
     def _may_fit_alone(self, task: Task, outcome: Outcome) -> bool:
         return outcome.lacks_memory and task.name in self._accompanied and not self._deaths[task.name]
@@ -122,7 +134,7 @@ class Schedule:
         return []
 
     def _end(self, task: Task, outcome: Outcome) -> None:
-        self._peak = max(self._peak, outcome.peak_memory_bytes)
+        self._peaks[task.density] = max(self._peaks.get(task.density, 0), outcome.peak_memory_bytes)
         if outcome.error is None:
             self._made |= task.pieces
         elif not self.keep_going:

@@ -19,14 +19,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from scaffold_pipeline.cache import Cache
+from scaffold_pipeline.cache import Cache, Peaks
 from scaffold_pipeline.config import read_draft
 from scaffold_pipeline.errors import MemoryShortageError, PipelineError, lines_and_code
-from scaffold_pipeline.plan import make_plan
+from scaffold_pipeline.plan import Plan, make_plan
 from scaffold_pipeline.records import config_hash, recipes
 from scaffold_pipeline.report.publish import environment, publish
 from scaffold_pipeline.runner import STORE, execute, locked, unchanged_labels
-from scaffold_pipeline.schedule import Outcome, Schedule, Task
+from scaffold_pipeline.schedule import Outcome, Schedule, Task, times_finer
 from scaffold_pipeline.store import Store, write_atomically
 from scaffold_pipeline.study_file import Point, Study
 from scaffold_pipeline.study_page import write_page
@@ -45,8 +45,8 @@ _WRITE_EVERY = 5.0
 class Site:
     """A point and what is known before it runs: its resolved config, and for each label a hash of all behind it.
 
-    `unchanged` are the labels whose results are stored; `memory` is the most, bytes, that stages of the others' names
-    have had in earlier runs, 0 where there were none.
+    `unchanged` are the labels whose results are stored; `memory` is the most, bytes, that the others may need by what
+    stages of their names have had in earlier runs, 0 where there were none; `density` is that of its voxels, mm^-3.
     """
 
     point: Point
@@ -56,6 +56,7 @@ class Site:
     recipes: Mapping[str, str]
     unchanged: frozenset[str]
     memory: int
+    density: float
 
     @property
     def state(self) -> PointState:
@@ -98,11 +99,20 @@ def work_left(sites: Iterable[Site]) -> int:
     return len(frozenset[str]().union(*(site.work for site in sites)))
 
 
-def _site(point: Point, out: Path, cache: Cache, peaks: Mapping[str, int]) -> Site:
+def _site(point: Point, out: Path, cache: Cache, peaks: Peaks) -> Site:
     plan, folder = point.plan(), out.resolve() / POINTS / point.name
     unchanged = frozenset(unchanged_labels(plan, folder, cache=cache))
-    memory = max((peaks.get(step.stage.name, 0) for step in plan.steps if step.label not in unchanged), default=0)
-    return Site(point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged, memory)
+    left = [peaks.by_stage.get(step.stage.name, 0) for step in plan.steps if step.label not in unchanged]
+    density = _density(plan)
+    finer = times_finer(density, peaks.voxel_size**-3 if peaks.voxel_size else 0.0)
+    memory = int(max(left, default=0) * finer)
+    return Site(point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged, memory, density)
+
+
+def _density(plan: Plan) -> float:
+    """Return the voxels in a mm^3 of the finest grid that a stage asks for by its `voxel_size`, 0 where none does."""
+    sizes = (getattr(step.params, "voxel_size", None) for step in plan.steps)
+    return max((size**-3 for size in sizes if size), default=0.0)
 
 
 def run_study(
@@ -178,7 +188,7 @@ class _Bench:
         self.write()
 
     def tasks(self) -> list[Task]:
-        return [Task(name, site.work, site.memory) for name, site in self.left.items()]
+        return [Task(name, site.work, site.memory, site.density) for name, site in self.left.items()]
 
     def ended(self, name: str, outcome: Outcome) -> None:
         """Keep what became of a point."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
@@ -11,6 +12,7 @@ import sys
 from collections.abc import Iterator
 from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -43,9 +45,10 @@ STUDY = """
 
 
 @contextmanager
-def process(*arguments: object) -> Iterator[subprocess.Popen[bytes]]:
+def process(*arguments: object, path: str = "") -> Iterator[subprocess.Popen[bytes]]:
     command = [sys.executable, "-m", *map(str, arguments)]
-    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as running:
+    environment = {**os.environ, "PYTHONPATH": path} if path else None
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment) as running:
         try:
             yield running
         finally:
@@ -63,8 +66,9 @@ def scheduler(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
 
 
 @contextmanager
-def worker(address: str, *options: object) -> Iterator[subprocess.Popen[bytes]]:
-    with process("distributed.cli.dask_worker", address, "--nthreads", 1, "--no-dashboard", *options) as running:
+def worker(address: str, *options: object, path: str = "") -> Iterator[subprocess.Popen[bytes]]:
+    options = ("--nthreads", 1, "--no-dashboard", *options)
+    with process("distributed.cli.dask_worker", address, *options, path=path) as running:
         yield running
 
 
@@ -115,6 +119,37 @@ def test_a_scheduler_that_does_not_answer_is_told_within_seconds_and_nothing_is_
     assert study.returncode == 1
     assert err == f"{address}: no Dask scheduler answers there within 5 s; is it the address that it printed?\n"
     assert not (OUT / "study.json").exists()
+
+
+@needs_dask
+def test_a_worker_with_another_version_of_a_library_is_named_and_nothing_is_run(project: Project):
+    other = project.folder / "other" / "scipy-0.0.1.dist-info"
+    other.mkdir(parents=True)
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: scipy\nVersion: 0.0.1\n")
+    project.write(BASE, "base.yaml")
+    project.write("{base: base.yaml, repeats: 2}", "study.yaml")
+    with scheduler(project.folder) as (address, _), worker(address, "--no-nanny", path=str(other.parent)):
+        wait_for_workers(address, 1)
+        study = project.start("study", "study.yaml", "--scheduler", address)
+        _, err = study.communicate(timeout=30)
+    assert study.returncode == 1
+    assert re.fullmatch(rf"{address}: worker tcp://\S+ has scipy 0.0.1, here it is {version('scipy')}, so .*\n", err)
+    assert not (OUT / "study.json").exists()
+
+
+@needs_dask
+def test_a_worker_without_this_package_is_named(project: Project):
+    (project.folder / "other" / "scaffold_pipeline").mkdir(parents=True)
+    (project.folder / "other" / "scaffold_pipeline" / "__init__.py").write_text("")
+    project.write(BASE, "base.yaml")
+    project.write("{base: base.yaml, repeats: 2}", "study.yaml")
+    other = str(project.folder / "other")
+    with scheduler(project.folder) as (address, _), worker(address, "--no-nanny", path=other):
+        wait_for_workers(address, 1)
+        study = project.start("study", "study.yaml", "--scheduler", address)
+        _, err = study.communicate(timeout=30)
+    assert study.returncode == 1
+    assert re.fullmatch(rf"{address}: worker tcp://\S+ cannot take part \(.*\); install scaffold-pipeline there\n", err)
 
 
 @needs_dask

@@ -112,6 +112,18 @@ def test_what_is_expected_to_need_much_is_started_alone_from_the_beginning():
     assert (max(map(len, ledger.together)), len(ledger.ended)) == (1, 4)
 
 
+@pytest.mark.parametrize(("density", "most"), [(1.0, 2), (8.0, 1)])
+def test_finer_voxels_are_expected_to_need_as_many_times_more(density: float, most: int):
+    def work(_: str) -> Outcome:
+        time.sleep(0.1)
+        return Outcome(peak_memory_bytes=GIB)
+
+    todo = [Task("coarse", frozenset(), 3 * GIB, density=1.0)]
+    todo += [Task(str(number), frozenset(), density=density) for number in range(4)]
+    ledger = run(todo, work, workers=2, memory=3 * GIB)
+    assert max(map(len, ledger.together)) == most
+
+
 @pytest.mark.parametrize("second", [None, "no memory"])
 def test_what_lacks_memory_beside_another_is_tried_again_alone_once(second: str | None):
     meeting = Barrier(2, timeout=20.0)

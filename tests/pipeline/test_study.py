@@ -15,6 +15,8 @@ from pipeline.workplace import Project, harm
 from scaffold_pipeline import workers
 from scaffold_pipeline.cores import core_count, thread_count, threads_of_children
 from scaffold_pipeline.store import hash_file
+from scaffold_pipeline.study import own_cache, survey
+from scaffold_pipeline.study_file import read_study
 
 BASE = """
     seed: 7
@@ -320,3 +322,17 @@ def test_children_share_the_cores(monkeypatch: pytest.MonkeyPatch):
     assert thread_count() == core_count()
     monkeypatch.setenv("OMP_NUM_THREADS", "none")
     assert thread_count() == core_count()
+
+
+def test_what_a_point_may_need_grows_with_its_voxels(project: Project):
+    project.write("stages: [{use: cast_points, log: log, voxel_size: 0.4}, {use: write_points}]", "base.yaml")
+    project.write("{base: base.yaml, vary: {cast_points.voxel_size: [0.2, 0.8]}}", "study.yaml")
+    study = read_study(Path("study.yaml"))
+    assert [site.memory for site in survey(study, OUT)] == [0, 0]
+    cache = own_cache(OUT)
+    result = project.execute(
+        "stages: [{use: cast_points, log: log, voxel_size: 0.4}, {use: write_points}]", cache=cache
+    )
+    peak = max(step.peak_memory_bytes for step in result.steps)
+    finer, coarser = survey(study, OUT)
+    assert (finer.memory, coarser.memory) == (pytest.approx(8 * peak, rel=1e-9), peak)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -66,14 +68,20 @@ TWO_WAIT = """
     """
 
 
-@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGKILL], ids=["interrupt", "kill"])
-def test_a_study_that_is_stopped_goes_on_where_it_was(project: Project, sign: signal.Signals):
+@pytest.mark.parametrize(
+    ("send", "sign"),
+    [(os.kill, signal.SIGINT), (os.killpg, signal.SIGINT), (os.kill, signal.SIGKILL)],
+    ids=["interrupt", "interrupt_of_all_processes", "kill"],
+)
+def test_a_study_that_is_stopped_goes_on_where_it_was(
+    project: Project, send: Callable[[int, int], None], sign: signal.Signals
+):
     begun = project.folder / "begun"
     project.write(WAITING.replace("SIGN", str(project.folder / "sign")), "base.yaml")
     project.write(TWO_WAIT.replace("OTHER", str(begun)), "study.yaml")
     process = project.start("study", "study.yaml", "--workers", "1")
     wait_for(begun.exists, process)
-    process.send_signal(sign)
+    send(process.pid, sign)
     _, err = process.communicate(timeout=30)
     assert process.returncode == (130 if sign == signal.SIGINT else -signal.SIGKILL)
     assert "Traceback" not in err

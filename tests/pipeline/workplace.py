@@ -73,10 +73,11 @@ class Project:
         return Answer(code, told.out, told.err)
 
     def start(self, *arguments: object) -> subprocess.Popen[str]:
-        """Start the command in a process of its own."""
+        """Start the command in a process of its own, the first of a group as a terminal makes one for a command."""
         command = [sys.executable, "-m", "scaffold_pipeline", *map(str, arguments)]
+        pipe = subprocess.PIPE
         return subprocess.Popen(
-            command, cwd=self.folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8"
+            command, cwd=self.folder, stdout=pipe, stderr=pipe, text=True, encoding="utf-8", process_group=0
         )
 
     def record(self, out: str = "runs/config") -> dict[str, Any]:

@@ -36,7 +36,7 @@ from scaffold_stages._fields import interpolation, sampling
 from scaffold_stages._kernels.skeleton import skeleton_of
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 
-C, EXPONENT, SUPPORT = 0.01, 4, 1.0
+C, EXPONENT, SUPPORT = 0.002, 4, 1.0
 BOX = [
     *((0, 1, 2), (1, 3, 2), (4, 6, 5), (5, 6, 7), (0, 4, 1), (1, 4, 5)),
     *((2, 3, 6), (3, 7, 6), (0, 2, 4), (2, 6, 4), (1, 5, 3), (3, 5, 7)),
@@ -131,6 +131,15 @@ def test_a_graded_mesh_is_reached_everywhere_by_its_local_sizes():
     assert field.certificate is not None
     assert field.certificate.channel_max < -0.9
     assert field.certificate.strut_min > 0.9
+
+
+@pytest.mark.parametrize(("c", "is_wide"), [(None, True), (0.01, False)])
+def test_channels_of_flat_cells_leave_the_struts_beside_them_whole(c, is_wide):
+    mesh = tetrahedra((2, 2, 2))
+    mesh.vertices[(mesh.vertices == 1.0).all(axis=1)] = (1.0, 1.0, 0.03)  # the middle, down to the cells beneath
+    certificate = field_of(oriented(mesh), voxel_size=0.25, c=c).certificate
+    assert certificate is not None
+    assert (certificate.channel_max < -0.9 < 0.9 < certificate.strut_min) == is_wide
 
 
 def test_samples_more_than_two_voxels_outside_are_void():

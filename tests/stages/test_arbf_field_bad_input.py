@@ -18,7 +18,7 @@ from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 from shapes import box, together
 
-C, EXPONENT, SUPPORT = 0.01, 4, 1.0
+C, EXPONENT, SUPPORT = 0.002, 4, 1.0
 BASES = ("gaussian", "multiquadric", "inverse_multiquadric")
 
 

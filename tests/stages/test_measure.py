@@ -13,7 +13,8 @@ from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_pipeline.measurements import Metrics
 from scaffold_stages._kernels import solids
-from scaffold_stages.measure import MeasureParams, _failed_interruptions, _failed_sizes, measure
+from scaffold_stages._measures.gates import _failed_interruptions, _failed_sizes
+from scaffold_stages.measure import MeasureParams, measure
 from shapes import box, hexahedra, inverted, outer_of, tetrahedra, together
 
 OUTER = outer_of(box((0.0, 0.0, 0.0), (10.0, 8.0, 6.0)))

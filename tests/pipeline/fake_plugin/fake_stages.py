@@ -209,6 +209,9 @@ class CastPointsParams(Params):
     seconds: Annotated[float, Unit("s")] = 0.0
     """How long it takes."""
 
+    voxel_size: Millimetres | None = None
+    """Nothing but something to tell of."""
+
 
 @stage(writes="points", version=1, repeatable=False)
 def cast_points(*, params: CastPointsParams) -> Points:
