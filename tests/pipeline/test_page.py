@@ -208,12 +208,16 @@ def test_the_picture_is_in_the_page_to_the_byte():
 
 
 def test_without_a_picture_or_a_view_the_page_says_so_and_how_to_have_one():
-    text = render_page(Sources(RECORD, METRICS))
+    text = render_page(Sources({**RECORD, "stages": [STAGE, {**STAGE, "slot": "solid"}]}, METRICS))
 
     assert "No picture was drawn" in text
     assert "the stage draw_solid , last in a config, makes one" in words(text)
     assert "<img" not in text
     assert 'id="view-canvas"' not in text
+
+
+def test_a_run_without_a_solid_is_not_told_how_to_view_one():
+    assert "draw_solid" not in words(page())
 
 
 def test_a_view_that_is_damaged_costs_the_view_alone():
@@ -250,10 +254,10 @@ def test_a_gate_is_told_as_passed_failed_not_applied_or_switched_off():
     told = [" ".join(re.sub(r"<[^>]*>", "", line).split()) for line in listed]
     assert told == [
         "\u2717 one piece failed: 3 pieces",
-        "\u2013 interrupted not applied: there is no mesh",
         "\u2713 manifold passed: The surface is closed, with two triangles at each edge.",
         "\u2713 of a plug in passed",
         "\u2713 min strut passed: The thinnest strut is as thick as asked for.",
+        "\u2013 interrupted not applied: there is no mesh",
         "\u2013 porosity switched off: The porosity is the one asked for.",
     ]
 

@@ -53,12 +53,17 @@ def judged(record: Mapping[str, Any], metrics: Mapping[str, Fact]) -> list[Gate]
     if failures is None:
         return []
     skipped = metrics.get("gates_not_applied")
-    named = [("failed", line) for line in failures]
-    named += [("not applied", str(line)) for line in (skipped if isinstance(skipped, list) else [])]
-    gates = [Gate(line.partition(":")[0], state, line) for state, line in named]  # type: ignore[arg-type]
-    told = {gate.name for gate in gates}
+    failed = [_gate(line, "failed") for line in failures]
+    without = [_gate(str(line), "not applied") for line in (skipped if isinstance(skipped, list) else [])]
+    told = {gate.name for gate in (*failed, *without)}
     others = [gate for gate in _switched(record) if gate.name not in told]
-    return [*gates, *(gate for gate in others if gate.state == "passed"), *(g for g in others if g.state != "passed")]
+    passed, off = ([gate for gate in others if gate.state == state] for state in ("passed", "switched off"))
+    return [*failed, *passed, *without, *off]
+
+
+def _gate(line: str, state: State) -> Gate:
+    """Return the gate that a line, `name: what; remedy`, is about."""
+    return Gate(line.partition(":")[0], state, line)
 
 
 def _switched(record: Mapping[str, Any]) -> Iterator[Gate]:

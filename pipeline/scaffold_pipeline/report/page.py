@@ -102,7 +102,8 @@ def _solid(sources: Sources, name: str) -> str:
         if png is None
         else _figure(_PREVIEW, png, f"The solid {name}", kind="instead")
     )
-    how = "" if sources.view else _HOW_TO_VIEW
+    has_solid = any(stage.get("slot") == "solid" for stage in sources.record.get("stages") or ())
+    how = _HOW_TO_VIEW if has_solid and not sources.view else ""
     return picture + how + (left_out if sources.missing else "")
 
 

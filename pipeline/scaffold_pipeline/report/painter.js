@@ -2,6 +2,8 @@
 // k3d was tried first: it brings 2.5 MB into each page, asks for fonts beside the page and for a worker, evaluates text as
 // code, and drew nothing under a policy that forbids these.
 
+const COSINE = Math.cos((35 * Math.PI) / 180); // triangles that meet at a sharper edge are not shaded as one
+
 const VERTEX = `#version 300 es
 in vec3 place; in vec3 normal; in float thickness;
 uniform mat3 turn; uniform vec3 focus; uniform vec2 zoom; uniform float depth, back, size;
@@ -21,9 +23,8 @@ const SURFACE = `${HEAD}
 uniform vec3 ramp[9], cap; uniform bool byThickness;
 void main() {
   if (dot(at, cut.xyz) > cut.w) discard;
-  vec3 flatly = normalize(cross(dFdx(seen), dFdy(seen))), n = normalize(facing);
   if (!gl_FrontFacing) { shown = vec4(cap, 1.0); return; }
-  if (dot(n, flatly) < 0.7) n = flatly;
+  vec3 n = normalize(facing);
   float shade = clamp(thick, 0.0, 1.0) * 8.0; int low = min(int(shade), 7);
   vec3 own = byThickness ? mix(ramp[low], ramp[low + 1], shade - float(low)) : colour;
   float key = max(dot(n, normalize(vec3(-0.5, 0.75, 1.0))), 0.0), fill = max(dot(n, normalize(vec3(0.9, 0.1, 0.5))), 0.0);
@@ -59,22 +60,66 @@ async function unpack(text) {
   return { faces, outerFaces, places, outerPlaces, thickness: take(Uint8Array, facts.thickness ? facts.vertices : 0) };
 }
 
-// A normal at each vertex, the mean of its triangles' by their areas, as signed bytes.
-function normalsOf(places, faces) {
-  const sums = new Float32Array(places.length);
+// The normal of each triangle, as long as twice its area.
+function faceNormals(places, faces) {
+  const normals = new Float32Array(faces.length);
   for (let i = 0; i < faces.length; i += 3) {
     const [a, b, c] = [3 * faces[i], 3 * faces[i + 1], 3 * faces[i + 2]];
     const [ux, uy, uz] = [places[b] - places[a], places[b + 1] - places[a + 1], places[b + 2] - places[a + 2]];
     const [vx, vy, vz] = [places[c] - places[a], places[c + 1] - places[a + 1], places[c + 2] - places[a + 2]];
-    const [nx, ny, nz] = [uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx];
-    for (const at of [a, b, c]) { sums[at] += nx; sums[at + 1] += ny; sums[at + 2] += nz; }
-  }
-  const normals = new Int8Array((places.length / 3) * 4);
-  for (let i = 0, j = 0; i < sums.length; i += 3, j += 4) {
-    const length = Math.hypot(sums[i], sums[i + 1], sums[i + 2]) || 1;
-    for (let k = 0; k < 3; k++) normals[j + k] = Math.round((127 * sums[i + k]) / length);
+    normals[i] = uy * vz - uz * vy;
+    normals[i + 1] = uz * vx - ux * vz;
+    normals[i + 2] = ux * vy - uy * vx;
   }
   return normals;
+}
+
+// The corners of triangles at each vertex: those of vertex v are order[starts[v]] to order[starts[v + 1] - 1].
+function cornersAt(faces, count) {
+  const starts = new Uint32Array(count + 1);
+  for (const vertex of faces) starts[vertex + 1]++;
+  for (let v = 0; v < count; v++) starts[v + 1] += starts[v];
+  const [order, next] = [new Uint32Array(faces.length), starts.slice()];
+  for (let corner = 0; corner < faces.length; corner++) order[next[faces[corner]]++] = corner;
+  return { starts, order };
+}
+
+// Vertices with a normal each, the mean of the triangles that bend little there; at an edge a vertex becomes several.
+function shaded({ places, faces, thickness }) {
+  const count = places.length / 3;
+  const { starts, order } = cornersAt(faces, count);
+  const normals = faceNormals(places, faces);
+  const [own, corners, sums] = [[], new Uint32Array(faces.length), []]; // own[k]: the vertex that k is a copy of
+  for (let v = 0; v < count; v++) {
+    const first = own.length;
+    for (let at = starts[v]; at < starts[v + 1]; at++) {
+      const face = order[at] - (order[at] % 3);
+      const [x, y, z] = [normals[face], normals[face + 1], normals[face + 2]];
+      let group = first;
+      while (group < own.length) {
+        const [X, Y, Z] = [sums[3 * group], sums[3 * group + 1], sums[3 * group + 2]];
+        if (x * X + y * Y + z * Z >= COSINE * Math.hypot(x, y, z) * Math.hypot(X, Y, Z)) break;
+        group++;
+      }
+      if (group === own.length) { own.push(v); sums.push(0, 0, 0); }
+      sums[3 * group] += x; sums[3 * group + 1] += y; sums[3 * group + 2] += z;
+      corners[order[at]] = group;
+    }
+  }
+  return copied(places, thickness, own, sums, corners);
+}
+
+function copied(places, thickness, own, sums, faces) {
+  const copy = { places: new Uint16Array(3 * own.length), normals: new Int8Array(4 * own.length), faces };
+  if (thickness?.length) copy.thickness = Uint8Array.from(own, (v) => thickness[v]);
+  own.forEach((v, k) => {
+    const length = Math.hypot(sums[3 * k], sums[3 * k + 1], sums[3 * k + 2]) || 1;
+    for (let axis = 0; axis < 3; axis++) {
+      copy.places[3 * k + axis] = places[3 * v + axis];
+      copy.normals[4 * k + axis] = Math.round((127 * sums[3 * k + axis]) / length);
+    }
+  });
+  return copy;
 }
 
 // Programs and buffers
@@ -122,9 +167,8 @@ const rgb = (hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16) /
 
 function makePainter(gl, packed) {
   const [surface, glass, mark] = [SURFACE, GLASS, MARK].map((fragment) => makeProgram(gl, fragment));
-  const solid = makeShape(gl, { ...packed, normals: normalsOf(packed.places, packed.faces) });
-  const outer = facts.outerFaces && makeShape(gl, {
-    places: packed.outerPlaces, normals: normalsOf(packed.outerPlaces, packed.outerFaces), faces: packed.outerFaces });
+  const solid = makeShape(gl, shaded(packed));
+  const outer = facts.outerFaces && makeShape(gl, shaded({ places: packed.outerPlaces, faces: packed.outerFaces }));
   const marks = facts.findings.map(({ places }) => makeShape(gl, {
     places: new Float32Array(places.flatMap((place) => place.map((length, k) => (length - facts.low[k]) / unit))) }));
   gl.enable(gl.DEPTH_TEST);

@@ -44,8 +44,9 @@ function zoomOf(width, height) {
   return (view.zoom * 0.98 * Math.min(width, height) * unit) / Math.hypot(...facts.size);
 }
 
-// Starts where the solid and the outer shape, as they are seen at first, just fit in.
-function fitIn(...clouds) {
+// How far the solid and the outer shape reach in the view that is shown first, in which they are to stand amid the canvas.
+const reach = { across: 1, upward: 1 };
+function measureReach(...clouds) {
   const axes = axesOf(start);
   const [across, upward] = [axes.right, axes.up].map(([x, y, z]) => {
     let [low, high] = [Infinity, -Infinity];
@@ -60,10 +61,17 @@ function fitIn(...clouds) {
   ["x", "y", "z"].forEach((key, k) => {
     start[key] = across.middle * axes.right[k] + upward.middle * axes.up[k] + depth * axes.eye[k];
   });
+  Object.assign(reach, { across: across.length, upward: upward.length });
+}
+
+// The canvas has its size: the first view fits into it, and so does what is shown where the reader has not zoomed.
+function fit() {
   const { clientWidth: width, clientHeight: height } = canvas;
-  start.zoom = 0.88 * Math.min(width / across.length, height / upward.length) / zoomOf(width, height);
-  Object.assign(view, start);
-  Object.assign(aim, start);
+  if (!width || !height) return;
+  const isFirst = aim.zoom === start.zoom;
+  start.zoom = (0.88 * Math.min(width / reach.across, height / reach.upward) * view.zoom) / zoomOf(width, height);
+  if (isFirst) aim.zoom = view.zoom = start.zoom;
+  ask();
 }
 
 let draw = () => {};
@@ -210,7 +218,7 @@ function connect() {
       canvas.focus({ preventScroll: true });
     });
   }
-  new ResizeObserver(ask).observe(canvas);
+  new ResizeObserver(fit).observe(canvas);
 }
 
 function showPicture(why) {
@@ -231,7 +239,9 @@ async function showView() {
   canvas.addEventListener("webglcontextrestored", prepare);
   document.getElementById("view").hidden = false;
   document.body.classList.add("has-view");
-  fitIn(packed.places, packed.outerPlaces);
+  measureReach(packed.places, packed.outerPlaces);
+  Object.assign(view, Object.assign(aim, start));
+  fit();
   prepare();
   listen();
   connect();

@@ -86,11 +86,12 @@ def section_svg(axis: str, place: float, box: Floats, solid: Rings, outer: Rings
     def drawn(rings: Rings) -> str:
         return "".join(_path((ring - corner) * (1.0, -1.0) / step) for ring in rings)
 
-    title = f"Section across {axis} at {axis} = {place:.4g} mm"
-    names = f"{ACROSS[axis][0]} \u2192\u2002{ACROSS[axis][1]} \u2191\u2002{axis} = {place:.4g} mm"
+    at = f"{axis} = {round(place, 2) + 0.0:g} mm"  # 0 for -0
+    names = f"{ACROSS[axis][0]} \u2192\u2002{ACROSS[axis][1]} \u2191\u2002{at}"
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width * step:.4f}mm" height="{whole * step:.4f}mm" '
-        f'viewBox="0 0 {width:.0f} {whole:.0f}">\n<title>{title}</title>\n<style>{_STYLE}</style>\n'
+        f'viewBox="0 0 {width:.0f} {whole:.0f}">\n'
+        f"<title>Section across {axis} at {at}</title>\n<style>{_STYLE}</style>\n"
         f'<rect width="100%" height="100%"/>\n<path class="outer" d="{drawn(outer)}"/>\n'
         f'<path class="solid" d="{drawn(solid)}"/>\n'
         f'<path class="bar" d="M{margin:.0f} {foot + 80.0:.0f}h{bar / step:.0f}"/>\n'
