@@ -308,6 +308,7 @@ def test_sections_share_a_scale_and_have_words():
     assert re.findall(r"--wide: ([\d.]+)", text) == ["12.5", "25"]
     assert 'alt="Section across x: The solid is filled' in text
     assert "<svg xmlns" not in text
+    assert "--wide: " not in page(pictures={"section_x.svg": SVG.replace(b"12.5", b"1.2.5")}).partition("</style>")[2]
 
 
 def test_the_page_says_how_to_run_it_again_and_with_which_files():

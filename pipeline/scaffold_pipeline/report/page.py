@@ -33,7 +33,7 @@ _MOST_BUTTONS, _MOST_LISTED = 12, 200
 
 _VIEWER = [Path(__file__).with_name(name) for name in ("painter.js", "viewer.js")]
 _PREVIEW = "preview.png"
-_WIDTH = re.compile(rb'<svg [^>]{0,100}\bwidth="([0-9.]{1,12})mm"')
+_WIDTH = re.compile(rb'<svg [^>]{0,100}\bwidth="([0-9]{1,6}(?:\.[0-9]{1,9})?)mm"')
 _TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 
 
@@ -96,7 +96,9 @@ def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact])
 def _solid(sources: Sources, name: str) -> str:
     """Return the picture of the solid, which stands where it cannot be turned: on paper, or without script."""
     png = sources.pictures.get(_PREVIEW)
-    left_out = f'<p class="none">Left out, as they are not the files that the run wrote: {items(sources.missing)}</p>'
+    left_out = (
+        f'<div class="none">Left out, as they are not the files that the run wrote: {items(sources.missing)}</div>'
+    )
     picture = (
         '<p class="none instead">No picture was drawn.</p>'
         if png is None
