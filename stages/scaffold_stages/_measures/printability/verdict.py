@@ -1,0 +1,44 @@
+"""What all rules say of a solid."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from scaffold_pipeline.artifacts import Fact, SurfaceMesh
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.measurements import Finding
+from scaffold_stages._measures.printability.file_size import file_size
+from scaffold_stages._measures.printability.islands import islands
+from scaffold_stages._measures.printability.loose_shells import loose_shells
+from scaffold_stages._measures.printability.overhangs import overhangs
+from scaffold_stages._measures.printability.rules import Outcome, PrintRules
+from scaffold_stages._measures.printability.slivers import slivers
+from scaffold_stages._measures.printability.thin_walls import thin_walls
+
+
+@dataclass(frozen=True)
+class Printability:
+    """The numbers of all rules, and a finding for each that is broken, in the order of the rules."""
+
+    values: dict[str, Fact]
+    findings: tuple[Finding, ...]
+
+
+def lint(solid: SurfaceMesh, rules: PrintRules) -> Printability:
+    """Hold a closed surface, as its file has it, against what a printer can do.
+
+    The same surface has the same findings. Five million triangles take about a minute on one core and 2 GB.
+    Raises `StageError` where there is nothing to print.
+    """
+    if not len(solid.faces):
+        raise StageError("print rules: need a closed surface, got one without triangles")
+    outcomes: list[Outcome] = [
+        thin_walls(solid, rules),
+        overhangs(solid, rules),
+        islands(solid, rules),
+        *loose_shells(solid, rules),
+        slivers(solid, rules),
+        file_size(solid, rules),
+    ]
+    values = {name: value for outcome in outcomes for name, value in outcome.values.items()}
+    return Printability(values, tuple(outcome.finding for outcome in outcomes if outcome.finding))
