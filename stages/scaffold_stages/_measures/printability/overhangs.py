@@ -61,10 +61,10 @@ def _regions(surface: SurfaceMesh, hanging: Ints, areas: Floats, rules: PrintRul
         return _Regions(np.empty(0), np.empty((0, 3)))
     faces = surface.faces[hanging]
     numbers = joined(faces, len(surface.vertices))
-    sums = np.bincount(numbers, areas)
+    sums: Floats = np.bincount(numbers, areas).astype(np.float64)
     middles = surface.vertices[faces].mean(axis=1)
     centres = np.stack([np.bincount(numbers, areas * middles[:, axis]) for axis in range(3)], axis=1) / sums[:, None]
-    order = np.argsort(-sums, kind="stable")
+    order: Ints = np.argsort(-sums, kind="stable")
     if rules.bridge > 0.0:
         order = order[_spans(surface, hanging, numbers, sums, rules.up)[order] > rules.bridge]
     return _Regions(sums[order], centres[order])
@@ -88,4 +88,4 @@ def _spans(surface: SurfaceMesh, hanging: Ints, numbers: Ints, areas: Floats, up
     holds = (uses[edges] == 1) & held[tails] & held[heads]
     lengths = np.linalg.norm(surface.vertices[heads[holds]] - surface.vertices[tails[holds]], axis=1)
     rims = np.bincount(np.repeat(numbers, 3)[holds], lengths, minlength=len(areas))
-    return np.divide(4.0 * areas, rims, out=np.full(len(areas), np.inf), where=rims > 0.0)
+    return np.asarray(np.divide(4.0 * areas, rims, out=np.full(len(areas), np.inf), where=rims > 0.0))

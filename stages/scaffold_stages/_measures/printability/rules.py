@@ -21,8 +21,11 @@ class PrintRules(Params):
     min_wall: Millimetres | None = Field(default=None, gt=0.0)
     """Thinnest wall that prints; not asked for by default."""
 
-    wall_angle: Degrees = Field(default=20.0, ge=0.0, le=90.0)
-    """How far two sides may open and still be a wall's; a rim sharper than this is a wall that runs out to nothing."""
+    knife_angle: Degrees = Field(default=20.0, ge=0.0, le=45.0)
+    """A rim sharper than this runs out to nothing; two sides that open at less are those of a wall."""
+
+    max_knife_edge: Millimetres | None = Field(default=0.0, ge=0.0)
+    """Length that may be so sharp, all rims together; none to measure it only."""
 
     build_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Which way the layers are stacked, of any length; the plate lies under the lowest point."""

@@ -2,6 +2,10 @@
 
 At the thinnest place of a wall its sides are parallel, so the straight way through is the shortest. A ball grown from
 the surface would be stopped by the next face at every edge, and by the next facet on every curved wall.
+
+Along a rim every thickness down to 0 is found, and the least of them tells of the samples, not of the solid. So what
+lies opposite is the other side of a wall only where the two open at less than `knife_angle`, and where they do not run
+out, just as they open, into a sharp edge close by: that is for the rule `knife_edge`.
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, SurfaceMesh
 from scaffold_pipeline.measurements import Finding
@@ -28,82 +33,99 @@ _CLOSER_SAMPLES = 10_000
 _INSIDE = 1e-7
 """Share of the greatest coordinate by which a ray starts within the solid: above the rounding of its own face."""
 
+_SHEER = 2.0
+_NEAR = 12.0
+_RUNS_OUT = 0.4, 2.5
+"""Two sides end in an edge if it is nearer than `_SHEER` times their thickness, or nearer than `_NEAR` times, which is
+where sides that open at 5 degrees meet, and as far off as they tell by the angle at which they open, within these
+shares: hollow and bulging sides tell it too small or too great by 2."""
+
 _PLASTIC = 1.324717957244746
 """The plastic number; steps of its first two inverse powers spread points evenly over a square (Roberts, 2018)."""
 
 
+Mask = NDArray[np.bool_]
+
+
 @dataclass(frozen=True, eq=False)
 class _Walls:
-    """Walls under points of the surface, (n, 3): their thickness, (n,) mm, inf where there is no other side."""
+    """The walls under some points of the surface, (n, 3): their thickness, (n,) mm, and their middles, (n, 3)."""
 
     points: Floats
     thickness: Floats
     middles: Floats
 
 
-def thin_walls(surface: SurfaceMesh, rules: PrintRules) -> Outcome:
+def thin_walls(surface: SurfaceMesh, rims: Ints, rules: PrintRules) -> Outcome:
     """Measure the walls of a closed surface at points spread evenly over it, and closely where they are thinnest.
 
-    What lies opposite a point, along its normal, is the other side of a wall where the two open at less than
-    `wall_angle`. So the rim of a box is no thin wall, but a knife's edge is, of thickness down to 0. Shares are those
-    of the whole surface's area.
+    `rims` (k, 2) are its sharp edges, pairs of vertex indices. The share of what is thin is that of the whole surface.
     """
     areas, _ = facing(surface.vertices, surface.faces, rules.up)
-    caster = _Caster(surface, rules.wall_angle)
+    caster = _Caster(surface, rims, rules.knife_angle)
     walls = caster.walls(*_spread(surface, areas, np.arange(len(areas)), _SAMPLES))
     closer = _closer(surface, areas, caster, walls)
+    if not len(closer.thickness):
+        return Outcome({"thinnest_wall_mm": None, "thinnest_wall_at": None}, None)
     thinnest = int(np.argmin(closer.thickness))
-    least = float(closer.thickness[thinnest])
-    one_percent = float(np.quantile(walls.thickness, 0.01, method="lower"))
     values: dict[str, Fact] = {
-        "thinnest_wall_mm": _finite(least),
-        "thinnest_wall_at": worded(closer.middles[thinnest])[1:-1] if np.isfinite(least) else None,
-        "wall_first_percent_mm": _finite(one_percent),
-        "thin_wall_fraction": None if rules.min_wall is None else float(np.mean(walls.thickness < rules.min_wall)),
+        "thinnest_wall_mm": float(closer.thickness[thinnest]),
+        "thinnest_wall_at": worded(closer.middles[thinnest])[1:-1],
     }
-    return Outcome(values, _finding(surface, rules, closer, values))
+    if rules.min_wall is None:
+        return Outcome(values, None)
+    share = float((walls.thickness < rules.min_wall).sum() / _SAMPLES)
+    values["thin_wall_fraction"] = share
+    return Outcome(values, _finding(closer, share, rules, apart_in(surface)))
 
 
-def _finite(length: float) -> float | None:
-    return length if np.isfinite(length) else None
-
-
-def _finding(surface: SurfaceMesh, rules: PrintRules, walls: _Walls, values: dict[str, Fact]) -> Finding | None:
-    if rules.min_wall is None or walls.thickness.min() >= rules.min_wall:
-        return None
+def _finding(walls: _Walls, share: float, rules: PrintRules, apart: float) -> Finding | None:
     thin = np.flatnonzero(walls.thickness < rules.min_wall)
-    named = thin[worst_apart(walls.middles[thin], -walls.thickness[thin], apart_in(surface), rules.most_places)]
+    if not len(thin):
+        return None
+    named = thin[worst_apart(walls.middles[thin], -walls.thickness[thin], apart, rules.most_places)]
     message = (
-        f"a wall is {walls.thickness[named[0]]:.3g} mm thin at {worded(walls.middles[named[0]])}, and under "
-        f"{values['thin_wall_fraction']:.2%} of the surface walls are below the {rules.min_wall:g} mm asked for; "
-        "lower porosity, or use larger cells"
+        f"a wall is {walls.thickness[named[0]]:.3g} mm thin at {worded(walls.middles[named[0]])}, and under {share:.2%} "
+        f"of the surface walls are below the {rules.min_wall:g} mm asked for; lower porosity, or use larger cells"
     )
     return Finding("thin_wall", message, walls.middles[named])
 
 
 class _Caster:
-    """Sends rays into a solid; igl finds by a tree of boxes where they leave it."""
+    """Sends rays into a solid; igl finds by trees of boxes where they leave it, and how far off the rims are."""
 
-    def __init__(self, surface: SurfaceMesh, wall_angle: float) -> None:
+    def __init__(self, surface: SurfaceMesh, rims: Ints, knife_angle: float) -> None:
         import igl
 
         self._mesh = surface.vertices, surface.faces
-        self._least_cosine = float(np.cos(np.radians(wall_angle)))
+        self._rims = rims
+        self._least_cosine = float(np.cos(np.radians(knife_angle)))
         self._inside = _INSIDE * float(np.abs(surface.bounds).max())
         self._tree: Any = igl.AABB()
         self._tree.init(*self._mesh)
 
     def walls(self, points: Floats, normals: Floats) -> _Walls:
         """Return the walls under points of the surface, (n, 3), with its outward unit normals there, (n, 3)."""
-        faces, lengths, _ = self._tree.intersect_ray_first(*self._mesh, points - self._inside * normals, -normals)
-        cosines = -np.einsum("ij,ij->i", self._normals(np.maximum(faces, 0)), normals)
-        is_wall = (faces >= 0) & (cosines >= self._least_cosine)
-        thickness = np.where(is_wall, lengths + self._inside, np.inf)
-        return _Walls(points, thickness, points - np.where(is_wall, thickness / 2.0, 0.0)[:, None] * normals)
+        vertices, faces = self._mesh
+        left, lengths, _ = self._tree.intersect_ray_first(*self._mesh, points - self._inside * normals, -normals)
+        cosines = -np.einsum("ij,ij->i", _unit_normals(vertices[faces[np.maximum(left, 0)]]), normals)
+        met = np.flatnonzero((left >= 0) & (cosines >= self._least_cosine))
+        thickness = lengths[met] + self._inside
+        middles = points[met] - thickness[:, None] / 2.0 * normals[met]
+        is_wall = ~self._runs_out(middles, thickness, cosines[met])
+        return _Walls(points[met][is_wall], thickness[is_wall], middles[is_wall])
 
-    def _normals(self, faces: Ints) -> Floats:
-        vertices, corners = self._mesh
-        return _unit_normals(vertices[corners[faces]])
+    def _runs_out(self, middles: Floats, thickness: Floats, cosines: Floats) -> Mask:
+        """Return where two sides that open by so much run out into a rim, (n,)."""
+        import igl
+
+        if not (len(self._rims) and len(middles)):
+            return np.zeros(len(middles), bool)
+        squared, _, _ = igl.point_mesh_squared_distance(middles, self._mesh[0], self._rims)
+        off = np.sqrt(squared) / thickness
+        told = off * np.tan(np.arccos(np.minimum(cosines, 1.0)))
+        is_as_told = (told >= _RUNS_OUT[0]) & (told <= _RUNS_OUT[1])
+        return np.asarray((off < _SHEER) | ((off < _NEAR) & is_as_told))
 
 
 def _closer(surface: SurfaceMesh, areas: Floats, caster: _Caster, walls: _Walls) -> _Walls:
@@ -111,7 +133,7 @@ def _closer(surface: SurfaceMesh, areas: Floats, caster: _Caster, walls: _Walls)
     reach = 2.0 * float(np.sqrt(areas.sum() / _SAMPLES))
     for _ in range(_CLOSER):
         thinnest = worst_apart(walls.points, -walls.thickness, reach, _CLOSER_PLACES)
-        places = walls.points[thinnest[np.isfinite(walls.thickness[thinnest])]]
+        places = walls.points[thinnest]
         near = np.flatnonzero(faces_near(surface.vertices, surface.faces, places, reach))
         if not areas[near].any():
             break
@@ -145,4 +167,4 @@ def _unit_normals(corners: Floats) -> Floats:
     """Return the unit normals of triangles (n, 3, 3), zero where one has no area."""
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0)
+    return np.asarray(np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0.0))

@@ -9,6 +9,7 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.measurements import Finding
 from scaffold_stages._measures.printability.file_size import file_size
 from scaffold_stages._measures.printability.islands import islands
+from scaffold_stages._measures.printability.knife_edges import knife_edges, sharp_rims
 from scaffold_stages._measures.printability.loose_shells import loose_shells
 from scaffold_stages._measures.printability.overhangs import overhangs
 from scaffold_stages._measures.printability.rules import Outcome, PrintRules
@@ -32,8 +33,10 @@ def lint(solid: SurfaceMesh, rules: PrintRules) -> Printability:
     """
     if not len(solid.faces):
         raise StageError("print rules: need a closed surface, got one without triangles")
+    rims = sharp_rims(solid, rules)
     outcomes: list[Outcome] = [
-        thin_walls(solid, rules),
+        thin_walls(solid, rims.edges, rules),
+        knife_edges(solid, rims, rules),
         overhangs(solid, rules),
         islands(solid, rules),
         *loose_shells(solid, rules),
