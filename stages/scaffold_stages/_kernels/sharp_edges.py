@@ -38,7 +38,7 @@ def sharp_edges(vertices: Floats, faces: Ints, greatest: float) -> SharpEdges:
 
 @kernel
 def _edges_by_vertex(faces: Ints, count: int) -> tuple[Ints, Indices, Indices]:
-    """Return the half-edges at the smaller of their two vertices: where each vertex's start, their ends, their faces."""
+    """Return half-edges by the smaller of their vertices: where each vertex's start, their other ends, their faces."""
     starts = np.zeros(count + 2, np.int64)
     for i in range(len(faces)):
         for k in range(3):

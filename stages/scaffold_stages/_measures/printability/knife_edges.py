@@ -27,8 +27,8 @@ def knife_edges(surface: SurfaceMesh, rims: SharpEdges, rules: PrintRules) -> Ou
     middles = ends.mean(axis=1)
     named = worst_apart(middles, -angles, apart_in(surface), rules.most_places)
     message = (
-        f"{length:.3g} mm of rims are sharper than {rules.knife_angle:g} degrees, the sharpest of {angles[named[0]]:.2g} "
-        f"degrees at {worded(middles[named[0]])}; at most {rules.max_knife_edge:g} mm may be: smooth the solid, or give "
-        "it a skin"
+        f"{length:.3g} mm of rims are sharper than {rules.knife_angle:g} degrees, the sharpest of "
+        f"{angles[named[0]]:.2g} degrees at {worded(middles[named[0]])}; at most {rules.max_knife_edge:g} mm may be: "
+        "smooth the solid, or give it a skin"
     )
     return Outcome({**values}, Finding("knife_edge", message, middles[named]))

@@ -33,12 +33,12 @@ _CLOSER_SAMPLES = 10_000
 _INSIDE = 1e-7
 """Share of the greatest coordinate by which a ray starts within the solid: above the rounding of its own face."""
 
-_SHEER = 2.0
+_CLOSE = 4.0
 _NEAR = 12.0
-_RUNS_OUT = 0.4, 2.5
-"""Two sides end in an edge if it is nearer than `_SHEER` times their thickness, or nearer than `_NEAR` times, which is
-where sides that open at 5 degrees meet, and as far off as they tell by the angle at which they open, within these
-shares: hollow and bulging sides tell it too small or too great by 2."""
+_AS_TOLD = 0.4, 2.5
+"""Two sides end in a rim that is nearer than `_CLOSE` times their thickness, or nearer than `_NEAR` times, where sides
+meet that open at 5 degrees, and as far off as their opening tells, within these shares: of hollow sides it tells half,
+of bulging ones twice as much."""
 
 _PLASTIC = 1.324717957244746
 """The plastic number; steps of its first two inverse powers spread points evenly over a square (Roberts, 2018)."""
@@ -66,27 +66,28 @@ def thin_walls(surface: SurfaceMesh, rims: Ints, rules: PrintRules) -> Outcome:
     walls = caster.walls(*_spread(surface, areas, np.arange(len(areas)), _SAMPLES))
     closer = _closer(surface, areas, caster, walls)
     if not len(closer.thickness):
-        return Outcome({"thinnest_wall_mm": None, "thinnest_wall_at": None}, None)
+        return Outcome(dict.fromkeys(("thinnest_wall_mm", "thinnest_wall_at", "wall_first_percentile_mm")), None)
     thinnest = int(np.argmin(closer.thickness))
     values: dict[str, Fact] = {
         "thinnest_wall_mm": float(closer.thickness[thinnest]),
         "thinnest_wall_at": worded(closer.middles[thinnest])[1:-1],
+        "wall_first_percentile_mm": float(np.quantile(walls.thickness, 0.01)) if len(walls.thickness) else None,
     }
     if rules.min_wall is None:
         return Outcome(values, None)
     share = float((walls.thickness < rules.min_wall).sum() / _SAMPLES)
     values["thin_wall_fraction"] = share
-    return Outcome(values, _finding(closer, share, rules, apart_in(surface)))
+    return Outcome(values, _finding(closer, share, rules.min_wall, apart_in(surface), rules.most_places))
 
 
-def _finding(walls: _Walls, share: float, rules: PrintRules, apart: float) -> Finding | None:
-    thin = np.flatnonzero(walls.thickness < rules.min_wall)
+def _finding(walls: _Walls, share: float, least: float, apart: float, most: int) -> Finding | None:
+    thin = np.flatnonzero(walls.thickness < least)
     if not len(thin):
         return None
-    named = thin[worst_apart(walls.middles[thin], -walls.thickness[thin], apart, rules.most_places)]
+    named = thin[worst_apart(walls.middles[thin], -walls.thickness[thin], apart, most)]
     message = (
-        f"a wall is {walls.thickness[named[0]]:.3g} mm thin at {worded(walls.middles[named[0]])}, and under {share:.2%} "
-        f"of the surface walls are below the {rules.min_wall:g} mm asked for; lower porosity, or use larger cells"
+        f"a wall is {walls.thickness[named[0]]:.3g} mm thin at {worded(walls.middles[named[0]])}, and under "
+        f"{share:.2%} of the surface walls are below the {least:g} mm asked for; lower porosity, or use larger cells"
     )
     return Finding("thin_wall", message, walls.middles[named])
 
@@ -124,8 +125,8 @@ class _Caster:
         squared, _, _ = igl.point_mesh_squared_distance(middles, self._mesh[0], self._rims)
         off = np.sqrt(squared) / thickness
         told = off * np.tan(np.arccos(np.minimum(cosines, 1.0)))
-        is_as_told = (told >= _RUNS_OUT[0]) & (told <= _RUNS_OUT[1])
-        return np.asarray((off < _SHEER) | ((off < _NEAR) & is_as_told))
+        is_as_told = (told >= _AS_TOLD[0]) & (told <= _AS_TOLD[1])
+        return np.asarray((off < _CLOSE) | ((off < _NEAR) & is_as_told))
 
 
 def _closer(surface: SurfaceMesh, areas: Floats, caster: _Caster, walls: _Walls) -> _Walls:
