@@ -45,19 +45,27 @@ def facing(vertices: Floats, faces: Ints, direction: Floats) -> tuple[Floats, Fl
 
 
 @kernel
-def star_areas(vertices: Floats, faces: Ints, direction: Floats) -> Floats:
-    """Return what the faces about each vertex cover as seen against `direction` (3,), signed, thrice as much, (n,).
+def cone_angles(vertices: Floats, faces: Ints, up: Floats, is_asked: Mask) -> Floats:
+    """Return the solid angle about the unit direction `up` (3,) that the faces at a lowest vertex bound, signed, (n,).
 
-    At a lowest vertex it is below 0 where its faces look down, the solid above them.
+    It is below 0 where the solid lies within, so that it starts at the vertex, above 0 where a pore does, and 0 where
+    it is not asked for. The sum of the spherical triangles between `up` and the edges of each face at the vertex: Van
+    Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126.
     """
-    covered = np.zeros(len(vertices))
+    angles = np.zeros(len(vertices))
     for i in range(len(faces)):
-        a, b, c = vertices[faces[i, 0]], vertices[faces[i, 1]], vertices[faces[i, 2]]
-        x, y, z = _doubled_normal(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
-        seen = (x * direction[0] + y * direction[1] + z * direction[2]) / 2.0
         for k in range(3):
-            covered[faces[i, k]] += seen
-    return covered
+            tip = faces[i, k]
+            if is_asked[tip]:
+                a = vertices[faces[i, (k + 1) % 3]] - vertices[tip]
+                b = vertices[faces[i, (k + 2) % 3]] - vertices[tip]
+                la, lb = np.sqrt((a * a).sum()), np.sqrt((b * b).sum())
+                x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+                above = up[0] * x + up[1] * y + up[2] * z
+                angles[tip] += 2.0 * np.arctan2(
+                    above, la * lb + (a * up).sum() * lb + (b * up).sum() * la + (a * b).sum()
+                )
+    return angles
 
 
 @kernel
@@ -122,21 +130,6 @@ def joined(faces: Ints, count: int) -> Ints:
             found += 1
         labels[i] = numbers[root]
     return labels
-
-
-@kernel
-def held_vertices(faces: Ints, heights: Floats, is_hanging: Mask, tolerance: float) -> Mask:
-    """Return from which vertices a face goes down by more than `tolerance` that is not itself hanging, (n,).
-
-    `heights` (n,) of the vertices, `is_hanging` (m,) of the faces.
-    """
-    held = np.zeros(len(heights), np.bool_)
-    for i in range(len(faces)):
-        if not is_hanging[i]:
-            low = min(heights[faces[i, 0]], heights[faces[i, 1]], heights[faces[i, 2]]) + tolerance
-            for k in range(3):
-                held[faces[i, k]] |= heights[faces[i, k]] > low
-    return held
 
 
 @kernel

@@ -6,7 +6,7 @@ import numpy as np
 
 from scaffold_pipeline.artifacts import SurfaceMesh
 from scaffold_pipeline.measurements import Finding
-from scaffold_stages._kernels.facets import star_areas
+from scaffold_stages._kernels.facets import cone_angles
 from scaffold_stages._kernels.sublevels import part_heights
 from scaffold_stages._measures.printability.places import worded
 from scaffold_stages._measures.printability.rules import Outcome, PrintRules
@@ -15,15 +15,14 @@ from scaffold_stages._measures.printability.rules import Outcome, PrintRules
 def islands(surface: SurfaceMesh, rules: PrintRules) -> Outcome:
     """Count the lowest points, off the plate, of parts that stand free for more than a layer before they are joined.
 
-    A part starts at a vertex lower than all around it, the solid above. How far it stands free is how far its surface
-    rises before it meets that of a part which started lower; the places of those that stand free for longest come
-    first. A pore's floor is a lowest point, too, but has the solid below.
+    A part starts at a vertex lower than all around it, from which the solid widens. How far it stands free is how far
+    its surface rises before it meets that of a part which started lower; the places of those that stand free for
+    longest come first. A pore's floor is lower than all around it, too, but there it is the pore that widens.
     """
     heights = surface.vertices @ rules.up
     rises = part_heights(surface.faces, heights)
-    has_solid_above = star_areas(surface.vertices, surface.faces, rules.up) < 0.0
-    is_off_plate = heights > heights.min() + rules.layer
-    starts = np.flatnonzero((rises > rules.layer) & has_solid_above & is_off_plate)
+    is_lowest = (rises > rules.layer) & (heights > heights.min() + rules.layer)
+    starts = np.flatnonzero(cone_angles(surface.vertices, surface.faces, rules.up, is_lowest) < 0.0)
     values = {"unsupported_islands": len(starts)}
     if not len(starts):
         return Outcome({**values}, None)

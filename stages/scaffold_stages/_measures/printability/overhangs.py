@@ -8,7 +8,7 @@ import numpy as np
 
 from scaffold_pipeline.artifacts import Floats, Ints, SurfaceMesh
 from scaffold_pipeline.measurements import Finding
-from scaffold_stages._kernels.facets import facing, held_vertices, joined
+from scaffold_stages._kernels.facets import facing, joined
 from scaffold_stages._measures.printability.places import worded
 from scaffold_stages._measures.printability.rules import Outcome, PrintRules
 
@@ -75,17 +75,33 @@ def _spans(surface: SurfaceMesh, hanging: Ints, numbers: Ints, areas: Floats, up
 
     That is the width of a square or a disc held all around, twice the span of a strip held at both ends, four times
     the reach of one held at one end, and never less than the diameter of the greatest disc in a convex region. A rim
-    holds where another face goes down from both ends of an edge.
+    holds where the face beyond it goes down.
     """
-    heights = surface.vertices @ up
-    is_hanging = np.zeros(len(surface.faces), bool)
-    is_hanging[hanging] = True
-    held = held_vertices(surface.faces, heights, is_hanging, _LEVEL * float(np.ptp(heights)))
-    tails = surface.faces[hanging].ravel()
-    heads = np.roll(surface.faces[hanging], -1, axis=1).ravel()
-    keys = np.minimum(tails, heads) * len(held) + np.maximum(tails, heads)
+    faces = surface.faces[hanging]
+    keys, lengths = _edges(surface, faces)
     _, edges, uses = np.unique(keys, return_inverse=True, return_counts=True)
-    holds = (uses[edges] == 1) & held[tails] & held[heads]
-    lengths = np.linalg.norm(surface.vertices[heads[holds]] - surface.vertices[tails[holds]], axis=1)
-    rims = np.bincount(np.repeat(numbers, 3)[holds], lengths, minlength=len(areas))
+    is_rim = (uses[edges] == 1) & np.isin(keys, _edges_above(surface, hanging, up))
+    rims = np.bincount(np.repeat(numbers, 3)[is_rim], lengths[is_rim], minlength=len(areas))
     return np.asarray(np.divide(4.0 * areas, rims, out=np.full(len(areas), np.inf), where=rims > 0.0))
+
+
+def _edges(surface: SurfaceMesh, faces: Ints) -> tuple[Ints, Floats]:
+    """Return a number for the edge from each corner of the faces to the next, and its length, (3 k,) both."""
+    tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    keys = np.minimum(tails, heads) * len(surface.vertices) + np.maximum(tails, heads)
+    return keys, np.linalg.norm(surface.vertices[heads] - surface.vertices[tails], axis=1)
+
+
+def _edges_above(surface: SurfaceMesh, hanging: Ints, up: Floats) -> Ints:
+    """Return the numbers of the edges from which a face goes down that shares two vertices with those that hang."""
+    is_of_hanging = np.zeros(len(surface.vertices), bool)
+    is_of_hanging[surface.faces[hanging]] = True
+    is_beside = is_of_hanging[surface.faces].sum(axis=1) > 1
+    is_beside[hanging] = False
+    beside = surface.faces[is_beside]
+    heights = surface.vertices @ up
+    ends = heights[beside]
+    opposite, middles = np.roll(ends, 1, axis=1), (ends + np.roll(ends, -1, axis=1)) / 2.0
+    goes_down = opposite < middles - _LEVEL * float(np.ptp(heights))
+    keys, _ = _edges(surface, beside)
+    return np.asarray(keys[goes_down.ravel()])

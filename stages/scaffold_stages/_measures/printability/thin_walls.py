@@ -30,6 +30,9 @@ _CLOSER_PLACES = 16
 _CLOSER_SAMPLES = 10_000
 """How often the thinnest places are looked at more closely, how many of them, and with how many points in all."""
 
+_ROUNDING = 1e-5
+"""Share by which a wall may fall short of what is asked for: lengths along rays are of single precision."""
+
 _INSIDE = 1e-7
 """Share of the greatest coordinate by which a ray starts within the solid: above the rounding of its own face."""
 
@@ -75,21 +78,21 @@ def thin_walls(surface: SurfaceMesh, rims: Ints, rules: PrintRules) -> Outcome:
     }
     if rules.min_wall is None:
         return Outcome(values, None)
-    share = float((walls.thickness < rules.min_wall).sum() / _SAMPLES)
-    values["thin_wall_fraction"] = share
-    return Outcome(values, _finding(closer, share, rules.min_wall, apart_in(surface), rules.most_places))
-
-
-def _finding(walls: _Walls, share: float, least: float, apart: float, most: int) -> Finding | None:
-    thin = np.flatnonzero(walls.thickness < least)
+    values["thin_wall_fraction"] = share = len(_thin(walls, rules.min_wall)) / _SAMPLES
+    thin = _thin(closer, rules.min_wall)
     if not len(thin):
-        return None
-    named = thin[worst_apart(walls.middles[thin], -walls.thickness[thin], apart, most)]
+        return Outcome(values, None)
+    named = thin[worst_apart(closer.middles[thin], -closer.thickness[thin], apart_in(surface), rules.most_places)]
     message = (
-        f"a wall is {walls.thickness[named[0]]:.3g} mm thin at {worded(walls.middles[named[0]])}, and under "
-        f"{share:.2%} of the surface walls are below the {least:g} mm asked for; lower porosity, or use larger cells"
+        f"a wall is {closer.thickness[named[0]]:.3g} mm thin at {worded(closer.middles[named[0]])}, and under "
+        f"{share:.2%} of the surface walls are below the {rules.min_wall:g} mm asked for; lower porosity, or use "
+        "larger cells"
     )
-    return Finding("thin_wall", message, walls.middles[named])
+    return Outcome(values, Finding("thin_wall", message, closer.middles[named]))
+
+
+def _thin(walls: _Walls, least: float) -> Ints:
+    return np.flatnonzero(walls.thickness < (1.0 - _ROUNDING) * least)
 
 
 class _Caster:
@@ -136,9 +139,10 @@ def _closer(surface: SurfaceMesh, areas: Floats, caster: _Caster, walls: _Walls)
         thinnest = worst_apart(walls.points, -walls.thickness, reach, _CLOSER_PLACES)
         places = walls.points[thinnest]
         near = np.flatnonzero(faces_near(surface.vertices, surface.faces, places, reach))
-        if not areas[near].any():
+        if not len(near):
             break
-        found = caster.walls(*_spread(surface, areas, near, _CLOSER_SAMPLES))
+        within = np.minimum(areas, (2.0 * reach) ** 2)  # a face much larger than the place would take all points
+        found = caster.walls(*_spread(surface, within, near, _CLOSER_SAMPLES))
         walls = _Walls(*(np.concatenate(pair) for pair in zip(_parts(walls), _parts(found), strict=True)))
         reach /= 4.0
     return walls
@@ -148,12 +152,12 @@ def _parts(walls: _Walls) -> tuple[Floats, Floats, Floats]:
     return walls.points, walls.thickness, walls.middles
 
 
-def _spread(surface: SurfaceMesh, areas: Floats, among: Ints, count: int) -> tuple[Floats, Floats]:
-    """Return `count` points spread evenly, by area, over the faces `among` (k,), and the normals there, (count, 3).
+def _spread(surface: SurfaceMesh, weights: Floats, among: Ints, count: int) -> tuple[Floats, Floats]:
+    """Return `count` points on the faces `among` (k,), by their `weights` (m,), and the normals there, (count, 3).
 
-    One point to each equal share of the area, face after face, so that the same surface has the same points.
+    One point to each equal share of the weight, face after face, so that the same surface has the same points.
     """
-    ends = np.cumsum(areas[among])
+    ends = np.cumsum(weights[among])
     steps = np.arange(count)
     chosen = among[np.searchsorted(ends, (steps + 0.5) / count * ends[-1], side="right")]
     corners = surface.vertices[surface.faces[chosen]]
