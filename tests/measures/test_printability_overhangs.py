@@ -71,7 +71,8 @@ def test_box_on_its_edge_hangs_over_where_it_is_flatter_than_the_angle():
 
 def test_sides_as_steep_as_the_angle_need_no_support():
     tilted = shapes.turned_about_x(BOX, 45.0)
-    assert overhangs_of((tilted[0].astype(np.float32), tilted[1])).finding is None
+    for shift in np.random.default_rng(0).uniform(-90.0, 90.0, (5, 3)):
+        assert overhangs_of(((tilted[0] + shift).astype(np.float32), tilted[1])).finding is None
     assert overhangs_of(tilted, overhang_angle=45.5).finding is not None
 
 

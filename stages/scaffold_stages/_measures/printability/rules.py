@@ -31,7 +31,7 @@ class PrintRules(Params):
     """Which way the layers are stacked, of any length; the plate lies under the lowest point."""
 
     layer: Millimetres = Field(default=0.05, gt=0.0)
-    """Height of a layer: what starts within the first lies on the plate, what stands free for less is none's start."""
+    """Height of a layer: what starts within the first lies on the plate; what is smaller than one is not looked at."""
 
     overhang_angle: Degrees = Field(default=45.0, ge=0.0, lt=90.0)
     """A face that looks down needs support where it is less steep than this, from the horizontal."""
