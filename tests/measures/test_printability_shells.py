@@ -125,6 +125,14 @@ def test_verdict_is_the_same_each_time():
     assert [finding.message for finding in one.findings] == [finding.message for finding in other.findings]
 
 
-def test_nothing_to_print_is_refused():
-    with pytest.raises(StageError, match="need a closed surface, got one without triangles"):
-        lint(SurfaceMesh(np.empty((0, 3)), np.empty((0, 3), np.int64)), RULES)
+@pytest.mark.parametrize(
+    ("surface", "volume"),
+    [
+        ((np.empty((0, 3)), np.empty((0, 3), np.int64)), "0 triangles of 0 mm"),
+        ((np.zeros((3, 3)), np.array([(0, 1, 2)])), "1 triangles of 0 mm"),
+        (shapes.inverted(BOX), "12 triangles of -64 mm"),
+    ],
+)
+def test_what_encloses_nothing_is_refused(surface, volume):
+    with pytest.raises(StageError, match=f"need a closed surface about a volume, got {volume}"):
+        lint(SurfaceMesh(*surface), RULES)

@@ -86,7 +86,7 @@ def test_wall_of_a_hollow_ball_is_found_whatever_its_facets(divisions):
 def test_ball_of_facets_is_as_thick_as_it_is_wide():
     values, _ = walls_of(shapes.ball(1.0, divisions=3))
     assert values["thinnest_wall_mm"] == pytest.approx(2.0, rel=0.03)
-    assert values["wall_first_percentile_mm"] == pytest.approx(2.0, rel=0.03)
+    assert values["wall_percentile_5_mm"] == pytest.approx(2.0, rel=0.03)
 
 
 def test_a_spot_too_small_for_the_first_samples_is_found_by_looking_closer():

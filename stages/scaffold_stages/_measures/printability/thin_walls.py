@@ -50,8 +50,8 @@ def thin_walls(surface: SurfaceMesh, rims: Ints, rules: PrintRules) -> Outcome:
     named = thin[worst_apart(closer.middles[thin], -closer.thickness[thin], apart_in(surface), rules.most_places)]
     message = (
         f"a wall is {closer.thickness[named[0]]:.3g} mm thin at {worded(closer.middles[named[0]])}, and under "
-        f"{values['thin_wall_fraction']:.2%} of the surface walls are below the {rules.min_wall:g} mm asked for; lower porosity, or use "
-        "larger cells"
+        f"{values['thin_wall_fraction']:.2%} of the surface walls are below the {rules.min_wall:g} mm asked for; lower "
+        "porosity, or use larger cells"
     )
     return Outcome(values, Finding("thin_wall", message, closer.middles[named]))
 
@@ -62,7 +62,7 @@ def _numbers(walls: Walls, closer: Walls, least: float | None) -> dict[str, Fact
     return {
         "thinnest_wall_mm": None if thinnest is None else float(closer.thickness[thinnest]),
         "thinnest_wall_at": None if thinnest is None else worded(closer.middles[thinnest])[1:-1],
-        "wall_first_percentile_mm": float(np.quantile(walls.thickness, 0.01)) if len(walls.thickness) else None,
+        "wall_percentile_5_mm": float(np.quantile(walls.thickness, 0.05)) if len(walls.thickness) else None,
         "thin_wall_fraction": None if least is None else len(_thin(walls, least)) / _SAMPLES,
     }
 

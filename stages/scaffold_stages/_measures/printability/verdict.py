@@ -29,10 +29,13 @@ def lint(solid: SurfaceMesh, rules: PrintRules) -> Printability:
     """Hold a closed surface, as its file has it, against what a printer can do.
 
     The same surface has the same findings. Five million triangles take half a minute on a core and 1.8 GB, two thirds
-    of either for the walls. Raises `StageError` where there is nothing to print.
+    of either for the walls. Raises `StageError` where it encloses nothing.
     """
-    if not len(solid.faces):
-        raise StageError("print rules: need a closed surface, got one without triangles")
+    if solid.volume <= 0.0:
+        raise StageError(
+            f"print rules: need a closed surface about a volume, got {len(solid.faces)} triangles of "
+            f"{solid.volume:.6g} mm^3; close it, and turn its normals out"
+        )
     rims = sharp_rims(solid, rules)
     outcomes: list[Outcome] = [
         thin_walls(solid, rims.edges, rules),
