@@ -1,7 +1,7 @@
 """Struts, pores and the ways through them, measured on voxels: what the scaffold's morphology is called in numbers.
 
-Names are those of this project; beside them stand BoneJ's (R. Domander, A. A. Felder, M. Doube, Wellcome Open Research 6
-(2021) 37): Tb.Th strut thickness, Tb.Sp pore size.
+Names are those of this project; beside them stand BoneJ's (R. Domander, A. A. Felder, M. Doube, Wellcome Open Research
+6 (2021) 37): Tb.Th strut thickness, Tb.Sp pore size.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from scaffold_pipeline.artifacts import Fact, Floats, Ints, SurfaceMesh
 from scaffold_pipeline.errors import PipelineWarning
 from scaffold_pipeline.measurements import Curve, Histogram
 from scaffold_stages._measures.accessibility import Accessibility, accessibility, share_reached
+from scaffold_stages._measures.facts import to_place
 from scaffold_stages._measures.image import PORE, STRUT, VoxelImage
 from scaffold_stages._measures.local_thickness import (
     LEAST_RESOLVED,
@@ -86,9 +87,7 @@ def morphometry(
         if told is not None:
             histograms.append(Histogram(name, title, "mm", told.edges, told.shares))
     values |= _ways_facts(ways, probes)
-    return Morphometry(
-        values, tuple(histograms), tuple(_curves(ways)), thickness_at(image, walls.thickness, at), image
-    )
+    return Morphometry(values, tuple(histograms), tuple(_curves(ways)), thickness_at(image, walls.thickness, at), image)
 
 
 def _resolved(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float, *, may_refine: bool) -> _Walls:
@@ -110,8 +109,8 @@ def _is_told(name: str, found: Distribution, spacing: float) -> bool:
     if is_resolved(found.mean, spacing):
         return True
     warnings.warn(
-        f"{name}: not told, as its mean of {found.mean:.3g} mm is {found.mean / spacing:.2g} voxels of {spacing:.3g} mm "
-        f"where {LEAST_RESOLVED:g} are needed; set voxel_size of measure to {found.mean / LEAST_RESOLVED:.2g} mm",
+        f"{name}: not told, as its mean of {found.mean:.3g} mm is {found.mean / spacing:.2g} voxels of {spacing:.3g} "
+        f"mm, where {LEAST_RESOLVED:g} are needed; set voxel_size of measure to {found.mean / LEAST_RESOLVED:.2g} mm",
         PipelineWarning,
         stacklevel=4,
     )
@@ -123,8 +122,8 @@ def _facts(name: str, found: Distribution | None) -> dict[str, Fact]:
     keys = ("mean", "median", "mad", *(f"p{percentile:g}" for percentile in PERCENTILES), "smallest", "smallest_at")
     if found is None:
         return dict.fromkeys(f"{name}_{key}" for key in keys)
-    place = ", ".join(f"{coordinate:.4g}" for coordinate in found.smallest.place)
-    told = (found.mean, found.median, found.deviation, *found.percentiles.tolist(), found.smallest.diameter, place)
+    smallest = (found.smallest.diameter, to_place(found.smallest.place))
+    told = (found.mean, found.median, found.deviation, *found.percentiles.tolist(), *smallest)
     return {f"{name}_{key}": fact for key, fact in zip(keys, told, strict=True)}
 
 
