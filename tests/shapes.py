@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, VolumeMesh
 from scaffold_pipeline.fields import ScalarField
-from scaffold_stages._kernels import triangles
+from scaffold_stages._kernels import solids, triangles
 from scaffold_stages._volumes import lattices
 
 Floats = NDArray[np.float64]
@@ -123,3 +123,46 @@ def require_closed(vertices: Floats, faces: Ints) -> None:
 def volume_of(surface: Surface) -> float:
     a, b, c = np.moveaxis((surface[0] - surface[0].mean(axis=0))[surface[1]], 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def prism(profile: list[tuple[float, float]], depth: float) -> Surface:
+    """Return a prism over a convex `profile` in x and z, counter-clockwise as seen from -y, from y = 0 to `depth`."""
+    count = len(profile)
+    ends = [[(x, y, z) for x, z in profile] for y in (0.0, depth)]
+    fan = np.array([(0, i, i + 1) for i in range(1, count - 1)])
+    a = np.arange(count)
+    b = np.roll(a, -1)
+    sides = np.concatenate([np.stack([a, a + count, b], axis=1), np.stack([b, a + count, b + count], axis=1)])
+    return np.array(ends).reshape(-1, 3), np.concatenate([fan, fan[:, ::-1] + count, sides])
+
+
+def cone(radius: float, height: float, segments: int = 64) -> Surface:
+    """Return a cone that stands on its tip at the origin, its lid at z = `height`."""
+    turns = 2.0 * np.pi / segments * np.arange(segments)
+    rim = np.stack([radius * np.cos(turns), radius * np.sin(turns), np.full(segments, height)], axis=1)
+    a, tip, lid = np.arange(segments), np.full(segments, segments), np.full(segments, segments + 1)
+    b = np.roll(a, -1)
+    faces = np.concatenate([np.stack([b, a, tip], axis=1), np.stack([a, b, lid], axis=1)])
+    return np.concatenate([rim, [(0.0, 0.0, 0.0), (0.0, 0.0, height)]]), faces
+
+
+def fused(*surfaces: Surface) -> Surface:
+    """Return the union of closed surfaces as one."""
+    return solids.from_body(sum((_body(part) for part in surfaces[1:]), _body(surfaces[0])))
+
+
+def without(whole: Surface, *parts: Surface) -> Surface:
+    """Return a closed surface less others."""
+    body = _body(whole)
+    for part in parts:
+        body -= _body(part)
+    return solids.from_body(body)
+
+
+def turned_about_x(surface: Surface, degrees: float) -> Surface:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return surface[0] @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]).T, surface[1]
+
+
+def _body(surface: Surface) -> solids.Body:
+    return solids.to_body(*surface, "part")

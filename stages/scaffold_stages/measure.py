@@ -3,25 +3,53 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from pydantic import Field
 
 from scaffold_pipeline.artifacts import Fact, Floats, IsoSurface, OuterShape, Solid, SurfaceMesh, VolumeMesh
-from scaffold_pipeline.contract import stage
+from scaffold_pipeline.contract import Millimetres, Unit, stage
 from scaffold_pipeline.errors import PipelineWarning
 from scaffold_pipeline.fields import ScalarField
 from scaffold_pipeline.measurements import Metrics
-from scaffold_stages._measures.gates import GateParams, failed_gates, gates_not_applied
+from scaffold_stages._measures.facts import connectivity_facts, surface_facts, to_place, transport_facts
+from scaffold_stages._measures.gates import GateParams, failed_gates, gates_not_applied, to_number
+from scaffold_stages._measures.printability.rules import PrintRules
+
+if TYPE_CHECKING:
+    from scaffold_stages._measures.morphometry import Morphometry
+    from scaffold_stages._measures.printability.verdict import Printability
 
 _ON_OUTER = 1e-3
 """A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""
 
 
 class MeasureParams(GateParams):
-    """Parameters of `measure`: what is measured, and the quality gates."""
+    """Parameters of `measure`: what is measured, what a printer can do, and the quality gates."""
+
+    morphometry: bool = True
+    """Whether thickness, pore sizes, accessible porosity, diffusion and anisotropy are measured."""
+
+    voxel_size: Millimetres | None = Field(default=None, gt=0.0)
+    """Edge of the voxels of these measures; by default the field's, or finer where struts need it."""
+
+    probes: Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], Unit("mm")] = ()
+    """Diameters of cells or particles whose share of the pore space is told."""
+
+    diffusion: bool = True
+    """Whether diffusion through the pores is solved for, the dearest of the measures."""
+
+    printing: PrintRules = PrintRules()
+    """What the printer can do: each rule that the solid breaks is a finding, not a failure."""
 
 
-@stage(writes="metrics", version=6, libraries=("libigl", "scipy"))
+@stage(
+    writes="metrics",
+    version=7,
+    libraries=("edt", "libigl", "llvmlite", "numba", "pyamg", "scipy"),
+)
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -31,7 +59,7 @@ def measure(
     *,
     params: MeasureParams,
 ) -> Metrics:
-    """Measure the solid as a file gives it back, and check it against the quality gates.
+    """Measure the solid as a file gives it back, check it against the quality gates, and tell what a printer may meet.
 
     The solid is put through the bytes of an STL and read back, merged by position as every reader does:
     `write_solid` writes the same bytes, wherever it stands in the config. A field without certificate, or a config
@@ -39,24 +67,26 @@ def measure(
     """
     from scaffold_stages._kernels.shells import shell_facts
     from scaffold_stages._kernels.stl import from_stl, to_stl
+    from scaffold_stages._measures.printability.verdict import lint
 
-    vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))
-    file = SurfaceMesh(vertices, faces)
+    file = SurfaceMesh(*from_stl(to_stl(solid.vertices, solid.faces, "measured")))
     mesh = mesh if field.certificate else None  # a field without one is not made of a mesh
+    on_outer = _ON_OUTER * field.spacing
+    shells, printed = shell_facts(file.vertices, file.faces), lint(file, params.printing)
     values: dict[str, Fact] = {
         **outer.facts,
-        "porosity": 1.0 - file.volume / outer.volume,
+        **_porosity_facts(file, outer, printed),
         "porosity_requested": porous.porosity_requested,
         "iso": porous.iso,
         **(field.certificate.at(porous.iso) if field.certificate else {}),
-        **shell_facts(vertices, faces),
+        **shells,
         **_pore_facts(solid.pore_volumes, field.pore_networks),
-        **(_thickness_facts(file, outer, mesh, _ON_OUTER * field.spacing, porous.skin) if mesh else {}),
+        **(_thickness_facts(file, outer, mesh, on_outer, porous.skin) if mesh else {}),
         **{f"size_{axis}_mm": float(size) for axis, size in zip("xyz", np.ptp(file.bounds, axis=0), strict=True)},
         "volume_mm3": file.volume,
         "area_mm2": file.area,
         "outer_volume_mm3": outer.volume,
-        "triangles": len(faces),
+        "triangles": len(file.faces),
         "cells": mesh.summary()["cells"] if mesh else None,
         "elements": None,
         **field.facts,
@@ -65,7 +95,41 @@ def measure(
         "gates_not_applied": list(gates_not_applied(field, mesh, params)),
     }
     _warn_of_thin_parts(field, porous.iso, values)
-    return Metrics(values, tuple(failed_gates(values, params, most_closed=field.pore_networks * (porous.skin > 0.0))))
+    failed = failed_gates(values, params, most_closed=field.pore_networks * (porous.skin > 0.0))
+    metrics = Metrics({**values, **printed.values}, tuple(failed), findings=printed.findings)
+    if params.morphometry and not shells["is_manifold"]:
+        warnings.warn("morphometry: left out, as the solid is no closed manifold", PipelineWarning, stacklevel=2)
+    elif params.morphometry:
+        topology = connectivity_facts(
+            file.faces, int(shells["solid_pieces"]), int(shells["closed_pores"]), outer.volume
+        )
+        found = _morphometry(file, outer, field.spacing, params, solid.vertices)
+        return replace(
+            metrics,
+            values={**metrics.values, **topology, **surface_facts(file, outer, on_outer), **found.values},
+            histograms=found.histograms,
+            curves=found.curves,
+            strut_thickness=found.strut_thickness,
+        )
+    return metrics
+
+
+def _morphometry(
+    file: SurfaceMesh, outer: OuterShape, spacing: float, params: MeasureParams, at: Floats
+) -> Morphometry:
+    """Measure struts and pores on voxels, by default of the field's `spacing`, mm, and diffusion where asked for."""
+    from scaffold_stages._measures.morphometry import morphometry
+
+    given = params.voxel_size
+    found = morphometry(file, outer, given or spacing, may_refine=given is None, probes=params.probes, at=at)
+    return found._replace(values=found.values | (transport_facts(found.image) if params.diffusion else {}))
+
+
+def _porosity_facts(file: SurfaceMesh, outer: OuterShape, printed: Printability) -> dict[str, Fact]:
+    """Return the porosity, and its parts that are open to the outside and that are not: Po(tot), Po(op), Po(cl)."""
+    porosity = 1.0 - file.volume / outer.volume
+    closed = to_number(printed.values["enclosed_void_mm3"]) / outer.volume
+    return {"porosity": porosity, "porosity_open": porosity - closed, "porosity_closed": closed}
 
 
 def _warn_of_thin_parts(field: ScalarField, iso: float, values: dict[str, Fact]) -> None:
@@ -110,13 +174,9 @@ def _thickness_facts(
     throat = narrowest_throat(skeleton, solid, shape, skin)
     return {
         "thinnest_strut_mm": strut.diameter if strut else None,
-        "thinnest_strut_at": _place(strut.place) if strut else None,
+        "thinnest_strut_at": to_place(strut.place) if strut else None,
         "struts_interrupted": strut.interrupted if strut else None,
         "narrowest_throat_mm": throat.diameter if throat else None,
-        "narrowest_throat_at": _place(throat.place) if throat else None,
+        "narrowest_throat_at": to_place(throat.place) if throat else None,
         "channels_interrupted": throat.interrupted if throat else None,
     }
-
-
-def _place(point: Floats) -> str:
-    return ", ".join(f"{coordinate:.4g}" for coordinate in point)

@@ -70,7 +70,7 @@ def failed_gates(values: dict[str, Fact], params: GateParams, *, most_closed: in
     """Yield a line for each gate that is on and fails: which, by how much, and what to change."""
     if params.gate_manifold and not values["is_manifold"]:
         yield "manifold: the solid has open, non-manifold or touching parts; use other voxels or smoothing"
-    pieces, closed = _number(values["solid_pieces"]), _number(values["closed_pores"])
+    pieces, closed = to_number(values["solid_pieces"]), to_number(values["closed_pores"])
     if params.gate_one_piece and (pieces != 1 or closed > most_closed):
         yield (
             f"one_piece: {pieces:g} pieces and {closed:g} closed pores instead of 1 and {most_closed}; lower porosity, "
@@ -84,18 +84,18 @@ def failed_gates(values: dict[str, Fact], params: GateParams, *, most_closed: in
 
 def _failed_shares(values: dict[str, Fact], params: GateParams) -> Iterator[str]:
     yield from _failed_connections(values, params.least_connected_pores) if params.gate_pores_connected else ()
-    porosity = _number(values["porosity"])
+    porosity = to_number(values["porosity"])
     asked = values["porosity_requested"]
-    if params.gate_porosity and asked is not None and abs(porosity - _number(asked)) > params.porosity_tolerance:
+    if params.gate_porosity and asked is not None and abs(porosity - to_number(asked)) > params.porosity_tolerance:
         yield (
-            f"porosity: {porosity:.4f} differs from the {_number(asked):g} asked for by more than "
+            f"porosity: {porosity:.4f} differs from the {to_number(asked):g} asked for by more than "
             f"{params.porosity_tolerance:g}; less smoothing or smaller voxels bring it nearer"
         )
 
 
 def _failed_connections(values: dict[str, Fact], least: float) -> Iterator[str]:
-    networks = _number(values["pore_networks"])
-    connected, largest = _number(values["pore_networks_fraction"]), _number(values["pore_largest_fraction"])
+    networks = to_number(values["pore_networks"])
+    connected, largest = to_number(values["pore_networks_fraction"]), to_number(values["pore_largest_fraction"])
     if connected < least:
         parted = f" in {networks:g} networks" if networks > 1 else ""
         yield (
@@ -112,7 +112,7 @@ def _failed_connections(values: dict[str, Fact], least: float) -> Iterator[str]:
 def _failed_certificate(values: dict[str, Fact]) -> Iterator[str]:
     if values.get("channel_max") is None:
         return
-    iso, low, high = (_number(values[name]) for name in ("iso", "channel_max", "strut_min"))
+    iso, low, high = (to_number(values[name]) for name in ("iso", "channel_max", "strut_min"))
     if iso <= low:
         yield (
             f"certificate: iso {iso:.4f} is {low - iso:.4f} below channel_max: {values['channels_closed']} of "
@@ -128,7 +128,7 @@ def _failed_certificate(values: dict[str, Fact]) -> Iterator[str]:
 def _failed_interruptions(values: dict[str, Fact], params: GateParams) -> Iterator[str]:
     for name, state in (("struts", "broken"), ("channels", "closed")):
         found, count = values.get(f"{name}_interrupted"), values.get(name)
-        if found and count and _number(found) > params.most_interrupted * _number(count):
+        if found and count and to_number(found) > params.most_interrupted * to_number(count):
             yield (
                 f"interrupted: {found} of {count} {name} are {state} in the file, more than the share of "
                 f"{params.most_interrupted:g} allowed; use smaller voxels, or larger cells"
@@ -145,15 +145,16 @@ def _failed_sizes(values: dict[str, Fact], params: GateParams) -> Iterator[str]:
         found = values.get(f"{key}_mm")
         if found is None:
             yield f"{name}: nothing to measure; the config needs a mesh before measure"
-        elif _number(found) < asked:
+        elif to_number(found) < asked:
             place = values[f"{key}_at"]
-            yield f"{name}: {_number(found):.3g} mm at ({place}), at least {asked:g} is asked for; {remedy}"
-    size = [_number(values[f"size_{axis}_mm"]) for axis in "xyz"]
+            yield f"{name}: {to_number(found):.3g} mm at ({place}), at least {asked:g} is asked for; {remedy}"
+    size = [to_number(values[f"size_{axis}_mm"]) for axis in "xyz"]
     room = params.build_volume
     if room is not None and any(needed > there for needed, there in zip(sorted(size), sorted(room), strict=True)):
         measures, rooms = (" x ".join(f"{length:g}" for length in lengths) for lengths in (size, room))
         yield f"build_volume: {measures} mm do not fit into {rooms} mm; print it in parts, or scale the input"
 
 
-def _number(fact: Fact) -> float:
+def to_number(fact: Fact) -> float:
+    """Return a fact that is a number, 0 for what is none."""
     return float(fact) if isinstance(fact, int | float) else 0.0

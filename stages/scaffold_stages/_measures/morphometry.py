@@ -1,0 +1,151 @@
+"""Struts, pores and the ways through them, measured on voxels: what the scaffold's morphology is called in numbers.
+
+Names are those of this project; beside them stand BoneJ's (R. Domander, A. A. Felder, M. Doube, Wellcome Open Research
+6 (2021) 37): Tb.Th strut thickness, Tb.Sp pore size.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.artifacts import Fact, Floats, Ints, SurfaceMesh
+from scaffold_pipeline.errors import PipelineWarning
+from scaffold_pipeline.measurements import Curve, Histogram
+from scaffold_stages._measures.accessibility import Accessibility, accessibility, share_reached
+from scaffold_stages._measures.facts import to_place
+from scaffold_stages._measures.image import PORE, STRUT, VoxelImage
+from scaffold_stages._measures.local_thickness import (
+    LEAST_RESOLVED,
+    PERCENTILES,
+    Distribution,
+    distribution,
+    is_resolved,
+    local_thickness,
+    thickness_at,
+)
+from scaffold_stages._measures.voxelising import finest_spacing, voxelise
+
+Singles = NDArray[np.float32]
+
+MOST_VOXELS = 512**3
+"""Voxels of an image at most: thickness and ways in need 2 GB of memory for so many."""
+
+_FINER = 4.0
+"""Voxels across the mean strut after refinement, where the first image had fewer than three."""
+
+_CURVE_POINTS = 200
+
+
+class Morphometry(NamedTuple):
+    """Numbers, distributions and curves, the strut thickness at the points asked for, (n,) mm, and the image."""
+
+    values: dict[str, Fact]
+    histograms: tuple[Histogram, ...]
+    curves: tuple[Curve, ...]
+    strut_thickness: Floats
+    image: VoxelImage
+
+
+class _Walls(NamedTuple):
+    """An image, the local thickness of its struts, (nx, ny, nz) mm, and how that is distributed."""
+
+    image: VoxelImage
+    thickness: Singles
+    struts: Distribution | None
+
+    @property
+    def is_resolved(self) -> bool:
+        return self.struts is None or is_resolved(self.struts.mean, self.image.spacing)
+
+
+def morphometry(
+    solid: SurfaceMesh, outer: SurfaceMesh, spacing: float, *, may_refine: bool, probes: Sequence[float], at: Floats
+) -> Morphometry:
+    """Measure struts and pores of a `solid` in its `outer` shape on voxels of `spacing` mm, 512^3 at most.
+
+    Where the mean strut has fewer than three voxels, finer ones are taken if they `may_refine` and are few enough;
+    else what cannot be told is None, with a `PipelineWarning`. `probes` are diameters, mm, whose share of the pore
+    space is told; `at` (n, 3) mm are the points whose strut thickness is.
+    """
+    walls = _resolved(solid, outer, spacing, may_refine=may_refine)
+    image = walls.image
+    pores = distribution(image, PORE, local_thickness(image.is_phase(PORE), image.spacing))
+    ways = accessibility(image)
+    values: dict[str, Fact] = {"measure_voxel_size": image.spacing}
+    histograms = []
+    for name, title, found in (
+        ("strut_thickness", "Strut thickness (Tb.Th)", walls.struts),
+        ("pore_size", "Pore size (Tb.Sp)", pores),
+    ):
+        told = found if found is not None and _is_told(name, found, image.spacing) else None
+        values |= _facts(name, told)
+        if told is not None:
+            histograms.append(Histogram(name, title, "mm", told.edges, told.shares))
+    values |= _ways_facts(ways, probes)
+    return Morphometry(values, tuple(histograms), tuple(_curves(ways)), thickness_at(image, walls.thickness, at), image)
+
+
+def _resolved(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float, *, may_refine: bool) -> _Walls:
+    finest = finest_spacing(outer.bounds, MOST_VOXELS)
+    walls = _walls(solid, outer, max(spacing, finest))
+    if walls.is_resolved or not may_refine or walls.struts is None:
+        return walls
+    finer = max(walls.struts.mean / _FINER, finest)
+    return _walls(solid, outer, finer) if finer < walls.image.spacing else walls
+
+
+def _walls(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float) -> _Walls:
+    image = voxelise((solid.vertices, solid.faces), (outer.vertices, outer.faces), spacing)
+    thickness = local_thickness(image.is_phase(STRUT), image.spacing)
+    return _Walls(image, thickness, distribution(image, STRUT, thickness))
+
+
+def _is_told(name: str, found: Distribution, spacing: float) -> bool:
+    if is_resolved(found.mean, spacing):
+        return True
+    warnings.warn(
+        f"{name}: not told, as its mean of {found.mean:.3g} mm is {found.mean / spacing:.2g} voxels of {spacing:.3g} "
+        f"mm, where {LEAST_RESOLVED:g} are needed; set voxel_size of measure to {found.mean / LEAST_RESOLVED:.2g} mm",
+        PipelineWarning,
+        stacklevel=4,
+    )
+    return False
+
+
+def _facts(name: str, found: Distribution | None) -> dict[str, Fact]:
+    """Return the facts of a distribution, mm; None where it is not told."""
+    keys = ("mean", "median", "mad", *(f"p{percentile:g}" for percentile in PERCENTILES), "smallest", "smallest_at")
+    if found is None:
+        return dict.fromkeys(f"{name}_{key}" for key in keys)
+    smallest = (found.smallest.diameter, to_place(found.smallest.place))
+    told = (found.mean, found.median, found.deviation, *found.percentiles.tolist(), *smallest)
+    return {f"{name}_{key}": fact for key, fact in zip(keys, told, strict=True)}
+
+
+def _ways_facts(ways: Accessibility, probes: Sequence[float]) -> dict[str, Fact]:
+    values: dict[str, Fact] = {}
+    for throat in ways.throats:
+        values[f"throat_{100 * throat.share:g}"] = throat.diameter
+    for probe, share in zip(probes, share_reached(ways, np.array(probes, float)).tolist(), strict=True):
+        values[f"accessible_to_{probe:g}_mm"] = share
+    return values
+
+
+def _curves(ways: Accessibility) -> Iterator[Curve]:
+    """Yield the curve of accessible porosity, thinned out to as many points as a page can show."""
+    count = len(ways.diameters)
+    if count:
+        chosen: Ints = np.unique(np.linspace(0, count - 1, _CURVE_POINTS).round().astype(np.int64))
+        yield Curve(
+            "accessible_porosity",
+            "Accessible porosity",
+            "probe diameter, mm",
+            "share of the pore space reached",
+            ways.diameters[chosen],
+            ways.shares[chosen],
+        )
