@@ -10,6 +10,7 @@ import pytest
 
 from scaffold_pipeline.artifacts import IsoSurface, Solid
 from scaffold_pipeline.contract import stage_from_function
+from scaffold_pipeline.errors import PipelineWarning
 from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_pipeline.measurements import Metrics
 from scaffold_stages._kernels import solids
@@ -43,7 +44,7 @@ def field(channel_max: float = -0.2, strut_min: float = 0.4):
 
 def measured(solid: Solid, **given: object) -> Metrics:
     inputs = {"porous": porous(), "field": field(), **{k: given.pop(k) for k in ("porous", "field") if k in given}}
-    return measure(solid, OUTER, **inputs, params=MeasureParams.model_validate(given))
+    return measure(solid, OUTER, **inputs, params=MeasureParams.model_validate({"morphometry": False, **given}))
 
 
 def test_it_keeps_the_contract_of_a_stage():
@@ -85,12 +86,17 @@ def test_a_known_solid_is_measured_exactly_and_passes():
 
 def test_the_cells_are_those_of_the_mesh():
     mesh = tetrahedra((1, 2, 3))
-    assert measure(solid_of(pierced()), OUTER, porous(), field(), mesh, params=MeasureParams()).values["cells"] == 36
+    assert (
+        measure(solid_of(pierced()), OUTER, porous(), field(), mesh, params=MeasureParams(morphometry=False)).values[
+            "cells"
+        ]
+        == 36
+    )
 
 
 def test_what_was_done_to_the_outer_shape_is_told():
     repaired = replace(OUTER, facts={"repair_distance_mm": 0.25})
-    metrics = measure(solid_of(pierced()), repaired, porous(), field(), params=MeasureParams())
+    metrics = measure(solid_of(pierced()), repaired, porous(), field(), params=MeasureParams(morphometry=False))
     assert metrics.values["repair_distance_mm"] == 0.25
 
 
@@ -212,7 +218,9 @@ def test_a_skin_closes_both_pores_of_a_sheet():
 
 def test_a_mesh_that_the_field_is_not_made_of_is_not_measured():
     bare = ScalarField(np.zeros((2, 2, 2)), np.zeros(3), 0.5)
-    metrics = measure(solid_of(pierced()), OUTER, porous(), bare, tetrahedra((1, 2, 3)), params=MeasureParams())
+    metrics = measure(
+        solid_of(pierced()), OUTER, porous(), bare, tetrahedra((1, 2, 3)), params=MeasureParams(morphometry=False)
+    )
     assert metrics.values["cells"] is None
     assert "thinnest_strut_mm" not in metrics.values
 
@@ -256,7 +264,8 @@ def struts_and_throats(**asked: object) -> Metrics:
     bar = solids.to_body(*box((9.0, 4.0, 4.0), (11.0, 6.0, 6.0)), "bar")
     block = solids.to_body(outer.vertices, outer.faces, "block") - (slit - bar)
     solid = Solid(*solids.from_body(block), pore_volumes=np.array([1.0]))
-    params = MeasureParams.model_validate({"gate_porosity": False, "gate_interrupted": False, **asked})
+    off = {"gate_porosity": False, "gate_interrupted": False, "morphometry": False}
+    params = MeasureParams.model_validate({**off, **asked})
     return measure(solid, outer, porous(), field(), hexahedra((2, 1, 1), edge=10.0), params=params)
 
 
@@ -317,3 +326,86 @@ def test_a_file_with_too_many_interrupted_struts_or_channels_fails():
 def test_interrupted_channels_fail_their_gate_in_the_stage_and_it_has_a_switch():
     (failure,) = struts_and_throats(gate_interrupted=True).failed_gates
     assert failure.startswith("interrupted: 12 of 2 channels")  # the planted certificate counts two
+
+
+def test_the_morphometry_of_a_square_channel_is_that_of_its_sides():
+    metrics = measured(solid_of(pierced()), morphometry=True, voxel_size=0.25, probes=[2.0, 3.6])
+    expected = {
+        "porosity_open": pytest.approx(POROSITY),
+        "porosity_closed": 0.0,
+        "loops": 1,
+        "euler_number": 0,
+        "connectivity_density_per_mm3": pytest.approx(1.0 / 480.0),
+        "pore_surface_mm2": pytest.approx(84.0),
+        "surface_per_solid_per_mm": pytest.approx((376.0 - 24.0 + 84.0) / 408.0),
+        "surface_per_total_per_mm": pytest.approx((376.0 - 24.0 + 84.0) / 480.0),
+        "pore_surface_per_total_per_mm": pytest.approx(84.0 / 480.0),
+        "anisotropy_degree": pytest.approx(1.0, abs=0.01),
+        "measure_voxel_size": 0.25,
+        "pore_size_median": pytest.approx(3.0, abs=0.25),
+        "pore_size_smallest": pytest.approx(3.0, abs=0.25),
+        "strut_thickness_p75": pytest.approx(4.0, abs=0.25),
+        "throat_50": pytest.approx(3.0, abs=0.25),
+        "accessible_to_2_mm": pytest.approx(1.0, abs=0.03),
+        "accessible_to_3.6_mm": 0.0,
+        "relative_diffusivity_z": pytest.approx(POROSITY),
+        "tortuosity_z": pytest.approx(1.0),
+        "relative_diffusivity_x": 0.0,
+        "tortuosity_x": None,
+    }
+    assert {name: metrics.values[name] for name in expected} == expected
+    axis = [float(part) for part in metrics.values["anisotropy_axis"].split(", ")]
+    assert axis == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    assert [histogram.name for histogram in metrics.histograms] == ["strut_thickness", "pore_size"]
+    assert [histogram.shares.sum() for histogram in metrics.histograms] == pytest.approx([1.0, 1.0])
+    (curve,) = metrics.curves
+    assert curve.y[0] == pytest.approx(1.0)
+    assert metrics.strut_thickness.shape == (len(pierced()[0]),)
+    assert metrics.strut_thickness.min() > 0.5
+
+
+def test_a_closed_pore_is_closed_porosity():
+    body = solid_of(pierced(), inverted(box((8, 6, 1), (9, 7, 2))))
+    values = measured(body, porosity_tolerance=0.1).values
+    assert (values["porosity_open"], values["porosity_closed"]) == (pytest.approx(POROSITY), pytest.approx(1.0 / 480.0))
+
+
+def thin():
+    """Return two plates of 0.5 mm, and one of 0.5 mm that joins them."""
+    plates = [box((x, 0.0, 0.0), (x + 0.5, 8.0, 6.0)) for x in (0.0, 9.5)]
+    bodies = [solids.to_body(*plate, "plate") for plate in (*plates, box((0.0, 0.0, 0.0), (10.0, 8.0, 0.5)))]
+    return solids.from_body(bodies[0] + bodies[1] + bodies[2])
+
+
+def test_voxels_are_refined_until_struts_have_three():
+    values = measured(solid_of(thin()), morphometry=True, diffusion=False).values
+    assert values["strut_thickness_mean"] >= 3.0 * values["measure_voxel_size"]
+    assert values["strut_thickness_median"] == pytest.approx(0.5, abs=0.15)
+    assert "tortuosity_x" not in values
+
+
+def test_what_given_voxels_cannot_resolve_is_not_told_and_it_says_what_would_do():
+    with pytest.warns(
+        PipelineWarning, match=r"strut_thickness: not told, .* of 0.5 mm, where 3 .* measure to 0\.\d+ mm"
+    ):
+        metrics = measured(solid_of(thin()), morphometry=True, diffusion=False, voxel_size=0.5)
+    assert metrics.values["strut_thickness_mean"] is None
+    assert metrics.values["pore_size_mean"] > 5.0
+    assert [histogram.name for histogram in metrics.histograms] == ["pore_size"]
+
+
+def test_a_solid_that_is_no_manifold_has_no_morphometry_and_it_says_so():
+    touching = solid_of(pierced(), box((10.0, 8.0, 6.0), (11.0, 9.0, 7.0)))
+    with pytest.warns(PipelineWarning, match="morphometry: left out, as the solid is no closed manifold"):
+        metrics = measured(touching, morphometry=True)
+    assert "strut_thickness_mean" not in metrics.values
+
+
+def test_print_rules_that_are_broken_are_findings_with_places_and_no_failed_gates():
+    rules = {"min_wall": 2.5, "build_direction": [1.0, 0.0, 0.0]}
+    metrics = measured(solid_of(pierced()), printing=rules)
+    assert metrics.failed_gates == ()
+    found = {finding.rule: finding for finding in metrics.findings}
+    assert set(found) == {"thin_wall", "overhang"}
+    assert all(len(finding.places) for finding in found.values())
+    assert metrics.values["overhang_area_mm2"] == pytest.approx(3.0 * 6.0)

@@ -36,7 +36,7 @@ MOST_VOXELS = 512**3
 """Voxels of an image at most: thickness and ways in need 2 GB of memory for so many."""
 
 _FINER = 4.0
-"""Voxels across the mean strut after refinement, where the first image had fewer than three."""
+"""Voxels across the mean strut or pore that a refinement aims at, where there were fewer than three."""
 
 _CURVE_POINTS = 200
 
@@ -51,16 +51,18 @@ class Morphometry(NamedTuple):
     image: VoxelImage
 
 
-class _Walls(NamedTuple):
-    """An image, the local thickness of its struts, (nx, ny, nz) mm, and how that is distributed."""
+class _Phases(NamedTuple):
+    """An image, the local thickness of its struts, (nx, ny, nz) mm, and how it is distributed, as that of its pores."""
 
     image: VoxelImage
     thickness: Singles
     struts: Distribution | None
+    pores: Distribution | None
 
     @property
-    def is_resolved(self) -> bool:
-        return self.struts is None or is_resolved(self.struts.mean, self.image.spacing)
+    def finest(self) -> float:
+        """The lesser of both means, mm."""
+        return min((found.mean for found in (self.struts, self.pores) if found), default=np.inf)
 
 
 def morphometry(
@@ -68,41 +70,44 @@ def morphometry(
 ) -> Morphometry:
     """Measure struts and pores of a `solid` in its `outer` shape on voxels of `spacing` mm, 512^3 at most.
 
-    Where the mean strut has fewer than three voxels, finer ones are taken if they `may_refine` and are few enough;
+    Where the mean strut or pore has fewer than three voxels, finer ones are taken if they may and are few enough;
     else what cannot be told is None, with a `PipelineWarning`. `probes` are diameters, mm, whose share of the pore
     space is told; `at` (n, 3) mm are the points whose strut thickness is.
     """
-    walls = _resolved(solid, outer, spacing, may_refine=may_refine)
-    image = walls.image
-    pores = distribution(image, PORE, local_thickness(image.is_phase(PORE), image.spacing))
+    phases = _resolved(solid, outer, spacing, may_refine=may_refine)
+    image = phases.image
     ways = accessibility(image)
     values: dict[str, Fact] = {"measure_voxel_size": image.spacing}
     histograms = []
     for name, title, found in (
-        ("strut_thickness", "Strut thickness (Tb.Th)", walls.struts),
-        ("pore_size", "Pore size (Tb.Sp)", pores),
+        ("strut_thickness", "Strut thickness (Tb.Th)", phases.struts),
+        ("pore_size", "Pore size (Tb.Sp)", phases.pores),
     ):
         told = found if found is not None and _is_told(name, found, image.spacing) else None
         values |= _facts(name, told)
         if told is not None:
             histograms.append(Histogram(name, title, "mm", told.edges, told.shares))
-    values |= _ways_facts(ways, probes)
-    return Morphometry(values, tuple(histograms), tuple(_curves(ways)), thickness_at(image, walls.thickness, at), image)
+    at_points = thickness_at(image, phases.thickness, at)
+    return Morphometry(values | _ways_facts(ways, probes), tuple(histograms), tuple(_curves(ways)), at_points, image)
 
 
-def _resolved(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float, *, may_refine: bool) -> _Walls:
+def _resolved(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float, *, may_refine: bool) -> _Phases:
+    """Return the phases on voxels of `spacing`, or as much finer as they have to be for both."""
     finest = finest_spacing(outer.bounds, MOST_VOXELS)
-    walls = _walls(solid, outer, max(spacing, finest))
-    if walls.is_resolved or not may_refine or walls.struts is None:
-        return walls
-    finer = max(walls.struts.mean / _FINER, finest)
-    return _walls(solid, outer, finer) if finer < walls.image.spacing else walls
+    spacing = max(spacing, finest)
+    while True:
+        phases = _phases(solid, outer, spacing)
+        finer = max(phases.finest / _FINER, finest)
+        if not may_refine or is_resolved(phases.finest, spacing) or finer >= spacing:
+            return phases
+        spacing = finer
 
 
-def _walls(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float) -> _Walls:
+def _phases(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float) -> _Phases:
     image = voxelise((solid.vertices, solid.faces), (outer.vertices, outer.faces), spacing)
-    thickness = local_thickness(image.is_phase(STRUT), image.spacing)
-    return _Walls(image, thickness, distribution(image, STRUT, thickness))
+    pores = distribution(image, PORE, local_thickness(image.is_phase(PORE), spacing))
+    thickness = local_thickness(image.is_phase(STRUT), spacing)
+    return _Phases(image, thickness, distribution(image, STRUT, thickness), pores)
 
 
 def _is_told(name: str, found: Distribution, spacing: float) -> bool:
