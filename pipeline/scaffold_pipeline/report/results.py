@@ -26,21 +26,27 @@ MM, MM2, MM3, PER_MM = "mm", "mm\u00b2", "mm\u00b3", "mm\u207b\u00b9"
 
 SECTIONS: Mapping[str, tuple[Entry, ...]] = {
     "Porosity": (
-        Entry("Porosity", "porosity", "Share of the outer shape that is pore, measured on the written solid."),
+        Entry(
+            "Porosity", "porosity", "Share of the outer shape that is pore, on the written solid; Po(tot), 1 - BV/TV."
+        ),
         Entry("Porosity asked for", "porosity_requested", "What the iso-value was solved for."),
         Entry("Iso-value", "iso", "Solid is where the field is above it: pores grow as it grows."),
-        Entry("Open porosity", "porosity_open", "Share of the outer shape that is pore and reached from outside."),
-        Entry("Closed porosity", "porosity_closed", "Share of the outer shape that is pore and reached from nowhere."),
-        Entry("Volume of the solid", "volume_mm3", "What has to be printed.", MM3),
-        Entry("Volume of the outer shape", "outer_volume_mm3", "The anatomy before it was made porous.", MM3),
+        Entry("Open porosity", "porosity_open", "Share that is pore and reached from outside; Po(op)."),
+        Entry("Closed porosity", "porosity_closed", "Share that is pore and reached from nowhere; Po(cl)."),
+        Entry("Volume of the solid", "volume_mm3", "What has to be printed; BV.", MM3),
+        Entry("Volume of the outer shape", "outer_volume_mm3", "The anatomy before it was made porous; TV.", MM3),
     ),
     "Struts": (
         Entry(
-            "Strut thickness, mean", "strut_thickness_mean", "Of the greatest ball in the solid about each point.", MM
+            "Strut thickness, mean",
+            "strut_thickness_mean",
+            "The greatest ball in the solid about each point; Tb.Th.",
+            MM,
         ),
-        Entry(
-            "Strut thickness, deviation", "strut_thickness_std", "How far strut thickness spreads about its mean.", MM
-        ),
+        Entry("Strut thickness, median", "strut_thickness_median", "Half of the solid is thinner.", MM),
+        Entry("Strut thickness, 5th percentile", "strut_thickness_p5", "A twentieth of the solid is thinner.", MM),
+        Entry("Strut thickness, 95th percentile", "strut_thickness_p95", "A twentieth of the solid is thicker.", MM),
+        Entry("Thinnest neck of solid", "strut_thickness_smallest", "The least local thickness anywhere.", MM),
         Entry("Thinnest strut", "thinnest_strut_mm", "The least ball about a mesh edge that fits into the solid.", MM),
         Entry("Struts broken", "struts_broken", "Mesh edges that are not solid all along, by the certificate."),
         Entry("Struts interrupted", "struts_interrupted", "Mesh edges that leave the solid in the file itself."),
@@ -48,8 +54,14 @@ SECTIONS: Mapping[str, tuple[Entry, ...]] = {
         Entry("Largest piece of solid", "solid_largest_fraction", "Its share of the solid's volume."),
     ),
     "Pores": (
-        Entry("Pore size, mean", "pore_size_mean", "Of the greatest ball in the pore space about each point.", MM),
-        Entry("Pore size, deviation", "pore_size_std", "How far pore size spreads about its mean.", MM),
+        Entry("Pore size, mean", "pore_size_mean", "The greatest ball in the pores about each point; Tb.Sp.", MM),
+        Entry("Pore size, median", "pore_size_median", "Half of the pore space is narrower.", MM),
+        Entry("Pore size, 5th percentile", "pore_size_p5", "A twentieth of the pore space is narrower.", MM),
+        Entry("Pore size, 95th percentile", "pore_size_p95", "A twentieth of the pore space is wider.", MM),
+        Entry("Throat to half of the pores", "throat_50", "The largest ball that reaches half of the pore space.", MM),
+        Entry(
+            "Throat to nine tenths of the pores", "throat_90", "The largest ball that reaches nine tenths of it.", MM
+        ),
         Entry(
             "Narrowest throat", "narrowest_throat_mm", "The least ball about a channel that fits into the pores.", MM
         ),
@@ -60,36 +72,49 @@ SECTIONS: Mapping[str, tuple[Entry, ...]] = {
     "Connectivity": (
         Entry("Channels closed", "channels_closed", "Passages from pore to pore that are shut at this iso-value."),
         Entry("Channels interrupted", "channels_interrupted", "Passages that meet solid in the file itself."),
+        Entry("Loops", "loops", "Struts that could be cut before the solid falls apart."),
         Entry(
-            "Accessible pore volume", "accessible_fraction", "Share of the pore volume that is reached from outside."
-        ),
-        Entry(
-            "Connectivity density",
-            "connectivity_density",
-            "Loops of struts in each cubic millimetre.",
-            "mm\u207b\u00b3",
+            "Connectivity density", "connectivity_density_per_mm3", "Loops in each mm\u00b3; Conn.D.", "mm\u207b\u00b3"
         ),
         Entry(
             "Degree of anisotropy",
-            "degree_of_anisotropy",
-            "0 where all directions are alike, towards 1 where one rules.",
+            "anisotropy_degree",
+            "0 where all directions are alike, towards 1 where one rules; DA.",
         ),
+        Entry("Direction of anisotropy", "anisotropy_axis", "Along which struts run most."),
     ),
     "Transport": (
-        Entry("Tortuosity across x", "tortuosity_x", "How much longer the way through the pores is made, across x."),
-        Entry("Tortuosity across y", "tortuosity_y", "The same across y."),
-        Entry("Tortuosity across z", "tortuosity_z", "The same across z."),
+        *(
+            Entry(f"Tortuosity along {axis}", f"tortuosity_{axis}", "How much the way through the pores is drawn out.")
+            for axis in "xyz"
+        ),
+        *(
+            Entry(
+                f"Diffusivity along {axis}",
+                f"relative_diffusivity_{axis}",
+                "Of a molecule through the pores, against the free fluid's.",
+            )
+            for axis in "xyz"
+        ),
     ),
     "Surface": (
-        Entry("Area of the solid", "area_mm2", "Where cells can settle, the outer surface included.", MM2),
-        Entry("Surface per volume", "surface_per_volume", "Area of the solid in each cubic millimetre of it.", PER_MM),
+        Entry("Area of the solid", "area_mm2", "Where cells can settle, the outer surface included; BS.", MM2),
+        Entry(
+            "Area of the pores", "pore_surface_mm2", "What of it faces pores: without the cut of the outer shape.", MM2
+        ),
+        Entry("Surface per solid volume", "surface_per_solid_per_mm", "BS/BV.", PER_MM),
+        Entry("Surface per total volume", "surface_per_total_per_mm", "BS/TV.", PER_MM),
         Entry("Manifold", "is_manifold", "Whether the surface is closed, with two triangles at each edge."),
         Entry("Triangles", "triangles", "Of the solid's surface."),
     ),
     "Printability": (
-        Entry("Size along x", "size_x_mm", "Room that it takes.", MM),
-        Entry("Size along y", "size_y_mm", "Room that it takes.", MM),
-        Entry("Size along z", "size_z_mm", "Room that it takes.", MM),
+        *(Entry(f"Size along {axis}", f"size_{axis}_mm", "Room that it takes.", MM) for axis in "xyz"),
+        Entry("Thinnest wall", "thinnest_wall_mm", "Of all walls that the surface shows.", MM),
+        Entry("Edges that run out to nothing", "knife_edge_mm", "Length of all rims that are too sharp.", MM),
+        Entry("Overhangs", "overhang_area_mm2", "Area that needs support in the build direction.", MM2),
+        Entry("Islands", "unsupported_islands", "Places where printing would begin in mid-air."),
+        Entry("Voids that hold powder", "enclosed_voids", "Cavities out of which nothing can be blown."),
+        Entry("Sliver triangles", "sliver_triangles", "Too flat for some programs."),
         Entry("Struts and channels too thin for the voxels", "under_resolved", "Thinner than two voxels."),
     ),
     "How it was computed": (
@@ -97,6 +122,7 @@ SECTIONS: Mapping[str, tuple[Entry, ...]] = {
         Entry("Elements", "elements", "Points and segments that the field is interpolated from."),
         Entry("Voxels", "voxels", "Samples of the field."),
         Entry("Voxel size", "voxel_size", "Distance between samples: finer details are lost.", MM),
+        Entry("Voxel size of the measures", "measure_voxel_size", "Of thickness, pore size and transport.", MM),
     ),
 }
 
