@@ -27,7 +27,7 @@ def voxelise(solid: Surface, outer: Surface, spacing: float) -> VoxelImage:
     within some 1e-12 of the size from a surface may be on either side; those exactly on it belong to the body above
     them on each axis. So a volume is off by the sampling alone: half a voxel times the area at the worst, in a body
     that is not aligned with the voxels some 0.1 voxel^2 times the root of the area. Takes 3 bytes a voxel. Raises
-    `StageError` where a surface is not closed, naming it, or the spacing is no positive length.
+    `StageError` where a line along z shows that a surface is not closed, naming it, or the spacing is no positive length.
     """
     from scaffold_stages._kernels.scan_conversion import mark_inside
 
