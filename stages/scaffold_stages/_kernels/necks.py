@@ -20,8 +20,8 @@ Ints = NDArray[np.int64]
 Indices = NDArray[np.int32]
 Singles = NDArray[np.float32]
 
-_RISE, _FACTOR = 1.0, 1.25
-"""A part's greatest ball exceeds the neck's by a voxel of radius and by a quarter: what lies below is roughness."""
+_RISE, _FACTOR = 1.0, 1.1
+"""A part's greatest ball exceeds the neck's in radius by a voxel and by a tenth: what lies below is roughness."""
 
 _BEYOND = 2
 """Voxels around the neck's own ball within which the two parts must not hang together otherwise."""

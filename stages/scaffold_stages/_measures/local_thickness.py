@@ -81,8 +81,9 @@ def distribution(image: VoxelImage, phase: int, thickness: Singles) -> Distribut
 
     The least of the map would be the image's own: in each corner and on each step of a surface there is a voxel that
     only a ball of a voxel holds. `smallest` is instead the narrowest neck: a place at which two parts of the phase
-    meet, the greatest ball of each above by a quarter and a voxel's radius, and at least half the mean thickness. In a
-    phase without a neck it is its greatest ball.
+    meet, the greatest ball of each a tenth and a voxel's radius above the neck's, and at least half the mean thickness.
+    A phase without a neck is nowhere narrower than at its ends, and `smallest` its greatest ball: one that is as thick
+    everywhere, but for a voxel. A neck of 2 voxels is one voxel wide in the image, and may be anything below 2.
     """
     is_phase = image.is_phase(phase)
     values, counts = _diameters(thickness[is_phase], image.spacing)
