@@ -66,7 +66,7 @@ def local_thickness(mask: Bools, spacing: float) -> Singles:
     At the mean of places and directions that is 0.2 to 0.6 voxels too much in plates, 0.2 too little in rods, 0.8 too
     little in balls; in a scaffold of rods and nodes the mean was off by 0.01 voxels in struts and 0.2 in pores. In
     the image nothing else is approximated, but in one whose balls hold so many voxels that `greatest_balls` takes
-    larger ones. What lies beyond the array counts as outside. Takes 13 bytes a voxel.
+    larger ones. What lies beyond the array counts as outside. Takes 16 bytes a voxel.
     """
     from scaffold_stages._kernels.balls import greatest_balls
 
