@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.errors import StageError
 from scaffold_stages._measures.image import Bools, Floats, VoxelImage
 
 Singles = NDArray[np.float32]
@@ -132,15 +131,6 @@ def thickness_at(image: VoxelImage, thickness: Singles, points: Floats) -> Float
 def is_resolved(mean_thickness: float, spacing: float) -> bool:
     """Tell whether walls of `mean_thickness` are `LEAST_RESOLVED` voxels thick: both mm."""
     return mean_thickness >= LEAST_RESOLVED * spacing
-
-
-def require_resolved(mean_thickness: float, spacing: float, name: str) -> None:
-    """Raise `StageError` where the voxels are too large for `name`."""
-    if not is_resolved(mean_thickness, spacing):
-        raise StageError(
-            f"{name}: the mean of {mean_thickness:.3g} mm is {mean_thickness / spacing:.2g} voxels of {spacing:.3g} "
-            f"mm, at least {LEAST_RESOLVED:g} are needed; use voxels below {mean_thickness / LEAST_RESOLVED:.2g} mm"
-        )
 
 
 def histogram_edges(greatest: float, spacing: float) -> Floats:
