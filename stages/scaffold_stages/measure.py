@@ -33,7 +33,7 @@ class MeasureParams(GateParams):
     """Whether thickness, pore sizes, accessible porosity, diffusion and anisotropy are measured."""
 
     voxel_size: Millimetres | None = Field(default=None, gt=0.0)
-    """Edge of the voxels of these measures; by default the field's, or finer where struts need it."""
+    """Edge of the voxels of these measures; by default half the field's where these are 3e7 at most."""
 
     probes: Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], Unit("mm")] = ()
     """Diameters of cells or particles whose share of the pore space is told."""
@@ -117,11 +117,12 @@ def measure(
 def _morphometry(
     file: SurfaceMesh, outer: OuterShape, spacing: float, params: MeasureParams, at: Floats
 ) -> Morphometry:
-    """Measure struts and pores on voxels, by default of the field's `spacing`, mm, and diffusion where asked for."""
-    from scaffold_stages._measures.morphometry import morphometry
+    """Measure struts and pores on voxels, finer than the field's `spacing`, mm, and diffusion where asked for."""
+    from scaffold_stages._measures.morphometry import morphometry, usual_spacing
 
     given = params.voxel_size
-    found = morphometry(file, outer, given or spacing, may_refine=given is None, probes=params.probes, at=at)
+    used = given or usual_spacing(outer, spacing)
+    found = morphometry(file, outer, used, may_refine=given is None, probes=params.probes, at=at)
     return found._replace(values=found.values | (transport_facts(found.image) if params.diffusion else {}))
 
 

@@ -36,12 +36,12 @@ def greatest_balls(squared: Singles) -> Singles:
 
     Exact where the balls hold fewer than `MOST_PAINTED` voxels in all. Above, they are painted on voxels twice as
     large, and so on: each then reaches half a diagonal of these further, so that no voxel gets too small a value, and
-    one nearer than a diagonal to a greater ball may get its.
+    one nearer than a diagonal to a greater ball may get its: 512^3 voxels with struts of 135 of them gave 139.
     """
     coarse, step = squared, 1
     while True:
         needed = np.empty(coarse.shape, bool)
-        mark_needed(coarse, containment_table(TABLE_END), needed)
+        mark_needed(coarse if step == 1 else np.floor(coarse), containment_table(TABLE_END), needed)
         centres = np.flatnonzero(needed)
         values = coarse.ravel()[centres]
         if 4.0 / 3.0 * math.pi * float((values.astype(np.float64) ** 1.5).sum()) <= MOST_PAINTED:
@@ -59,7 +59,7 @@ def _halved(squared: Singles) -> Singles:
     for axis in range(3):
         pairs = np.moveaxis(even, axis, 0)
         even = np.moveaxis(np.maximum(pairs[::2], pairs[1::2]), 0, axis)
-    return np.ascontiguousarray(np.floor(even / np.float32(4.0)))
+    return np.ascontiguousarray(even / np.float32(4.0))
 
 
 def _refined(greatest: Singles, step: int, squared: Singles) -> Singles:

@@ -20,8 +20,8 @@ Ints = NDArray[np.int64]
 Indices = NDArray[np.int32]
 Singles = NDArray[np.float32]
 
-_RISE, _FACTOR = 1.0, 1.25
-"""A part's greatest ball exceeds the neck's by a voxel of radius and by a quarter: what lies below is roughness."""
+_RISE, _FACTOR = 1.0, 1.1
+"""A part's greatest ball exceeds the neck's in radius by a voxel and by a tenth: what lies below is roughness."""
 
 _BEYOND = 2
 """Voxels around the neck's own ball within which the two parts must not hang together otherwise."""
@@ -67,13 +67,13 @@ def find_necks(squared: Singles, order: Indices, least: float) -> Ints:
     for voxel in order:
         k, j, i = voxel % nz, voxel // nz % ny, voxel // nz // ny
         depth = squared[i, j, k]
-        touched = _parts_beside(labels, parents, (i, j, k), depth, found)
+        touched, uphill = _parts_beside(squared, labels, parents, (i, j, k), found)
         if touched == 0:
             parts += 1
             parents[parts], peaks[parts], labels[i, j, k] = parts, depth, parts
             continue
         touched = _keep_bodies(found, touched, parents, peaks, depth, least)
-        labels[i, j, k] = found[0]
+        labels[i, j, k] = uphill
         for one in range(touched):
             for other in range(one):
                 if met < _PAIRS // 2 and _is_new(pairs, found[one], found[other]):
@@ -93,10 +93,17 @@ def _root(parents: Indices, part: int) -> int:
 
 
 @kernel
-def _parts_beside(labels: Indices, parents: Indices, at: tuple[int, int, int], depth: float, found: Indices) -> int:
-    """Write into `found` the parts that a voxel touches, across faces alone at a depth of 1; return how many."""
+def _parts_beside(
+    squared: Singles, labels: Indices, parents: Indices, at: tuple[int, int, int], found: Indices
+) -> tuple[int, int]:
+    """Write into `found` the parts that a voxel touches, across faces alone at a depth of 1.
+
+    Return how many these are, and that of the deepest voxel touched: its own, or the shells of parts would spread over
+    others.
+    """
     nx, ny, nz = labels.shape
-    count = 0
+    depth = squared[at[0], at[1], at[2]]
+    count, deepest, uphill = 0, np.float32(0.0), 0
     for a in range(max(at[0] - 1, 0), min(at[0] + 2, nx)):
         for b in range(max(at[1] - 1, 0), min(at[1] + 2, ny)):
             for c in range(max(at[2] - 1, 0), min(at[2] + 2, nz)):
@@ -105,13 +112,15 @@ def _parts_beside(labels: Indices, parents: Indices, at: tuple[int, int, int], d
                 if depth < 2.0 and abs(a - at[0]) + abs(b - at[1]) + abs(c - at[2]) > 1:  # noqa: PLR2004
                     continue
                 part = _root(parents, labels[a, b, c])
+                if squared[a, b, c] > deepest:
+                    deepest, uphill = squared[a, b, c], part
                 is_known = False
                 for place in range(count):
                     is_known = is_known or found[place] == part
                 if not is_known:
                     found[count] = part
                     count += 1
-    return count
+    return count, uphill
 
 
 @kernel
@@ -139,7 +148,7 @@ def _keep_bodies(found: Indices, count: int, parents: Indices, peaks: Singles, d
 def _is_new(pairs: Ints, one: int, other: int) -> bool:
     """Tell whether two parts have not met, and note that they have."""
     key = np.int64(max(one, other)) * np.int64(1 << 31) + np.int64(min(one, other))
-    place = (key ^ (key >> 29)) * np.int64(2654435761) & np.int64(_PAIRS - 1)
+    place = (key ^ (key >> 29)) & np.int64(_PAIRS - 1)
     while pairs[place] != -1:
         if pairs[place] == key:
             return False

@@ -49,7 +49,7 @@ def accessibility(image: VoxelImage, reaches: Sequence[float] = REACHES) -> Acce
     into every voxel is found, not a list of sizes tried. The image is off by up to a voxel of diameter, as in
     `local_thickness`, whose measure of a ball is used. The ball's middle goes on across faces of voxels, across edges
     and corners also where its diameter is 2.8 voxels or more: so the least ball, of 2 voxels, reaches the open
-    porosity. Takes 13 bytes a voxel.
+    porosity. Takes 16 bytes a voxel.
     """
     from scaffold_stages._kernels.balls import greatest_balls
 

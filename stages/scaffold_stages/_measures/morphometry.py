@@ -35,6 +35,9 @@ Singles = NDArray[np.float32]
 MOST_VOXELS = 512**3
 """Voxels of an image at most: thickness and ways in need 2 GB of memory for so many."""
 
+_USUAL_VOXELS = 3e7
+"""Voxels that are taken where no size is given: half a minute on two cores."""
+
 _FINER = 4.0
 """Voxels across the mean strut or pore that a refinement aims at, where there were fewer than three."""
 
@@ -63,6 +66,14 @@ class _Phases(NamedTuple):
     def finest(self) -> float:
         """The lesser of both means, mm."""
         return min((found.mean for found in (self.struts, self.pores) if found), default=np.inf)
+
+
+def usual_spacing(outer: SurfaceMesh, of_field: float) -> float:
+    """Return half the spacing of the field that a solid was made of, or more where that makes too many voxels.
+
+    A surface lies between a field's samples: finer voxels still tell more of it. Never more than the field's own, mm.
+    """
+    return min(of_field, max(of_field / 2.0, finest_spacing(outer.bounds, _USUAL_VOXELS)))
 
 
 def morphometry(
