@@ -176,7 +176,7 @@ def test_the_colour_is_that_of_strut_thickness_with_a_legend_or_that_of_bone(pag
     coloured = settled(page)
     is_shown = "!document.getElementById('view-legend').hidden"
     assert page.run(is_shown)
-    assert "1.05" in page.run("document.getElementById('view-legend').textContent")
+    assert "1.1 or less" in page.run("document.getElementById('view-legend').textContent")
     choose(page, "view-colour", "bone")
     plain = settled(page)
     assert not page.run(is_shown)

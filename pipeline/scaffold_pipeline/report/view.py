@@ -31,8 +31,8 @@ _BONE, _CAP, _GLASS = "#e3dac9", "#b4603e", "#5b8fc0"
 _FULL = 65535
 """Of a packed coordinate: 1/65535 of the longest side is finer than a screen shows."""
 
-_ENDS = (1.0, 99.0)
-"""Percentiles of the strut thickness between which colours run."""
+_ENDS = (2.0, 95.0)
+"""Percentiles of the strut thickness between which colours run: a few thick nodes would leave all else dark."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,8 @@ def _legend(ends: list[float] | None) -> str:
     if ends is None:
         return ""
     low, high = ends
-    marks = "".join(f"<span>{low + share * (high - low):.3g}</span>" for share in (0.0, 0.5, 1.0))
+    told = (f"{low:.3g} or less", f"{(low + high) / 2.0:.3g}", f"{high:.3g} or more")
+    marks = "".join(f"<span>{text}</span>" for text in told)
     return (
         '<div id="view-legend"><span>Strut thickness, mm</span>'
         f'<div><div class="ramp" style="background: linear-gradient(to right, {", ".join(RAMP)})"></div>'
