@@ -57,7 +57,7 @@ class ArbfFieldParams(SamplingParams):
     """What is +1: mesh edges (default of `normalised`) or vertices alone (the paper, default of `exact`)."""
 
     c: Annotated[float | None, Unit("local edge lengths, or mm with exact")] = Field(default=None, gt=0.0)
-    """Shape parameter of the kernel (1/mm for the Gaussian); 0.002 with `normalised` (0.01 in a plane), 0.1 with `exact`."""
+    """Shape parameter of the kernel (1/mm for the Gaussian); 0.002 (in a plane 0.01), or 0.1 with `exact`."""
 
     exponent: Literal[2, 4, 6, 8] | None = None
     """p of the kernel (r^2 + c^2)^(-p/2), `normalised` only; 4."""
