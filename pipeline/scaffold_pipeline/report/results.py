@@ -46,7 +46,7 @@ SECTIONS: Mapping[str, tuple[Entry, ...]] = {
         Entry("Strut thickness, median", "strut_thickness_median", "Half of the solid is thinner.", MM),
         Entry("Strut thickness, 5th percentile", "strut_thickness_p5", "A twentieth of the solid is thinner.", MM),
         Entry("Strut thickness, 95th percentile", "strut_thickness_p95", "A twentieth of the solid is thicker.", MM),
-        Entry("Thinnest neck of solid", "strut_thickness_smallest", "The least local thickness anywhere.", MM),
+        Entry("Thinnest neck of solid", "strut_thickness_smallest", "Where two parts meet by the least ball.", MM),
         Entry("Thinnest strut", "thinnest_strut_mm", "The least ball about a mesh edge that fits into the solid.", MM),
         Entry("Struts broken", "struts_broken", "Mesh edges that are not solid all along, by the certificate."),
         Entry("Struts interrupted", "struts_interrupted", "Mesh edges that leave the solid in the file itself."),
@@ -58,10 +58,12 @@ SECTIONS: Mapping[str, tuple[Entry, ...]] = {
         Entry("Pore size, median", "pore_size_median", "Half of the pore space is narrower.", MM),
         Entry("Pore size, 5th percentile", "pore_size_p5", "A twentieth of the pore space is narrower.", MM),
         Entry("Pore size, 95th percentile", "pore_size_p95", "A twentieth of the pore space is wider.", MM),
+        Entry("Narrowest neck of pores", "pore_size_smallest", "Where two pores meet by the least ball.", MM),
         Entry("Throat to half of the pores", "throat_50", "The largest ball that reaches half of the pore space.", MM),
         Entry(
             "Throat to nine tenths of the pores", "throat_90", "The largest ball that reaches nine tenths of it.", MM
         ),
+        Entry("Throat to nearly all pores", "throat_99", "The largest ball that reaches 99 % of it.", MM),
         Entry(
             "Narrowest throat", "narrowest_throat_mm", "The least ball about a channel that fits into the pores.", MM
         ),
