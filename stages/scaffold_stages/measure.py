@@ -33,7 +33,7 @@ class MeasureParams(GateParams):
     """Whether thickness, pore sizes, accessible porosity, diffusion and anisotropy are measured."""
 
     voxel_size: Millimetres | None = Field(default=None, gt=0.0)
-    """Edge of the voxels of these measures; by default half the field's where these are 3e7 at most."""
+    """Edge of the voxels of these measures; by default half the field's where these are 1e7 at most."""
 
     probes: Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], Unit("mm")] = ()
     """Diameters of cells or particles whose share of the pore space is told."""
@@ -47,7 +47,7 @@ class MeasureParams(GateParams):
 
 @stage(
     writes="metrics",
-    version=7,
+    version=8,
     libraries=("edt", "libigl", "llvmlite", "numba", "pyamg", "scipy"),
 )
 def measure(
