@@ -12,7 +12,7 @@ from scaffold_pipeline.cli import main
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
 BONES = ROOT.parent / "shared" / "data" / "anatomy"
-FILES = {"config.yaml", "metrics.json", "report.html", "run.json", "solid.stl"}
+FILES = {"config.yaml", "measures.json", "metrics.json", "report.html", "run.json", "solid.stl"}
 
 
 @pytest.fixture(scope="module")

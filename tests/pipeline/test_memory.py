@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import mmap
 import subprocess
 import sys
 import time
@@ -19,10 +20,17 @@ def resident() -> int:
     return int(psutil.Process().memory_info().rss)
 
 
+def hold() -> mmap.mmap:
+    """Return 200 MiB that the system gives anew, whatever freed memory earlier tests have left to the process."""
+    block = mmap.mmap(-1, 200 * MIB)
+    np.frombuffer(block, np.uint8)[:] = 1
+    return block
+
+
 def test_the_peak_is_what_was_held_in_between_though_it_is_freed_again():
     before = resident()
     with PeakMemory() as peak:
-        block = np.ones(200 * MIB // 8)
+        block = hold()
         time.sleep(0.5)
         del block
     assert before + 190 * MIB < peak.peak < before + 300 * MIB
@@ -33,13 +41,13 @@ def test_a_peak_shorter_than_the_sampling_is_seen_where_the_system_marks_it():
         pytest.skip("only Linux marks the greatest memory of a process")
     before = resident()
     with PeakMemory() as peak:
-        np.ones(200 * MIB // 8)
+        hold()
     assert before + 190 * MIB < peak.peak < before + 300 * MIB
 
 
 def test_an_earlier_peak_is_not_counted_again():
     with PeakMemory() as first:
-        np.ones(200 * MIB // 8)
+        hold()
         time.sleep(0.3)
     with PeakMemory() as second:
         time.sleep(0.01)
@@ -61,10 +69,10 @@ def test_an_earlier_peak_is_not_counted_where_the_mark_cannot_be_reset(tmp_path:
 
 
 def test_memory_of_child_processes_counts():
-    hold = f"import time; block = bytearray(b'x') * {200 * MIB}; print('ready', flush=True); time.sleep(60)"
+    program = f"import time; block = bytearray(b'x') * {200 * MIB}; print('ready', flush=True); time.sleep(60)"
     before = resident()
     with PeakMemory() as peak:
-        child = subprocess.Popen([sys.executable, "-c", hold], stdout=subprocess.PIPE)
+        child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE)
         assert child.stdout is not None
         child.stdout.readline()
         time.sleep(0.5)
@@ -77,13 +85,13 @@ def test_memory_of_child_processes_counts():
 def test_a_child_that_has_not_yet_started_its_program_does_not_count_its_parents_memory_again(
     monkeypatch: pytest.MonkeyPatch,
 ):
-    ballast = np.ones(200 * MIB // 8)
+    ballast = hold()
     seen = iter([[psutil.Process()]])  # between fork and exec a child has the very pages of its parent
     monkeypatch.setattr(memory, "_children", lambda _: next(seen, []))
     before = resident()
     with PeakMemory() as peak:
         time.sleep(0.5)
-    assert before - MIB < peak.peak < before + ballast.nbytes / 2
+    assert before - MIB < peak.peak < before + len(ballast) / 2
 
 
 def test_the_peak_is_told_when_the_work_fails():
