@@ -28,7 +28,7 @@ from scaffold_stages._fields.sampling import voxels_over
 from scaffold_stages._kernels import interpolant, shepard
 from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
 from scaffold_stages._kernels.skeleton import skeleton_of
-from scaffold_stages.arbf_field import ArbfFieldParams, _normalised, arbf_field
+from scaffold_stages.arbf_field import _NORMALISED_C, ArbfFieldParams, _normalised, arbf_field
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 from scaffold_stages.tetrahedralise import TetrahedraliseParams, tetrahedralise
 from shapes import box, tetrahedra
@@ -281,7 +281,7 @@ def sparse_rows(bone, units):
 def ready_field(mesh, outer, params):
     """Return the field of a mesh, ready to be summed on the voxels of a shape, these, and their numbers."""
     voxels = voxels_over(outer, params)
-    return _normalised(skeleton_of(mesh.vertices, mesh.cells), params), voxels, voxels.inside.shape
+    return _normalised(skeleton_of(mesh.vertices, mesh.cells), params, _NORMALISED_C, None), voxels, voxels.inside.shape
 
 
 def growth_rows(*, small):
