@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 from scipy.ndimage import label
@@ -13,16 +11,6 @@ from scaffold_stages._measures.accessibility import accessibility, share_reached
 from scaffold_stages._measures.image import OUTSIDE, PORE, STRUT, VoxelImage
 
 STRUTS = {"gyroid": gyroid(32, 0.3), "blobs": blobs(30, 0.45, seed=3), "dense blobs": blobs(30, 0.7, seed=4)}
-
-
-@pytest.fixture(scope="module")
-def porespy():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the libraries that it imports
-        import porespy
-
-        porespy.settings.tqdm["disable"] = True
-        return porespy
 
 
 def bottle(*necks: tuple[int, int, int], room: int = 20):

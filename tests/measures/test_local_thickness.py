@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -16,16 +14,6 @@ from scaffold_stages._measures.voxelising import voxelise
 from shapes import ball, box, together
 
 SHAPES = {"gyroid": gyroid(32, 0.3), "blobs": blobs(28, 0.5, seed=3), "full": np.ones((9, 7, 8), bool)}
-
-
-@pytest.fixture(scope="module")
-def porespy():
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the libraries that it imports
-        import porespy
-
-        porespy.settings.tqdm["disable"] = True
-        return porespy
 
 
 def rods(shape, *, radius: float, axes=(0, 1, 2)):
