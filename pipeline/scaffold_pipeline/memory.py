@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from contextlib import suppress
 from pathlib import Path
 from threading import Event, Thread
@@ -35,6 +36,7 @@ class PeakMemory:
         self._thread = Thread(target=self._sample, daemon=True)
 
     def __enter__(self) -> Self:
+        _give_back_freed()
         with suppress(OSError):
             _CLEAR.write_text("5")  # proc(5): resets VmHWM
             self._has_mark = True
@@ -56,6 +58,12 @@ class PeakMemory:
             known = children
             if self._stop.wait(_INTERVAL):
                 return
+
+
+def _give_back_freed() -> None:
+    """Give freed memory back to the system, which glibc keeps for the process: after a large run a GB and more."""
+    with suppress(AttributeError, OSError, TypeError):  # another C library, or another system
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _resident(process: psutil.Process) -> int:

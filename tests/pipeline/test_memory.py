@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import ctypes
 import mmap
 import subprocess
 import sys
@@ -66,6 +67,20 @@ def test_an_earlier_peak_is_not_counted_where_the_mark_cannot_be_reset(tmp_path:
     with PeakMemory() as marked:
         time.sleep(0.01)
     assert marked.peak == 99999999 * 1024
+
+
+def test_freed_memory_that_the_process_keeps_is_not_counted():
+    if not hasattr(ctypes.CDLL(None), "malloc_trim"):
+        pytest.skip("only glibc gives freed memory back when it is asked to")
+    blocks = [np.ones(10_000) for _ in range(4000)]  # 320 MB, each too small to have pages of its own
+    last = blocks.pop()
+    held = resident()
+    blocks.clear()
+    assert resident() > held - 20 * MIB
+    with PeakMemory() as peak:
+        time.sleep(0.01)
+    assert last.sum() == 10_000
+    assert peak.peak < held - 200 * MIB
 
 
 def test_memory_of_child_processes_counts():
