@@ -101,7 +101,7 @@ def test_every_config_has_a_plan(path, tmp_path):
     assert main(arguments) == 0
 
 
-@pytest.mark.parametrize(("bone", "unit", "edge", "voxel"), [("bmf_CalcaneusR.obj", "m", 9, 0.3)])
+@pytest.mark.parametrize(("bone", "unit", "edge", "voxel"), [("bmf_CalcaneusR.obj", "m", 9, 0.33)])
 def test_a_real_bone_becomes_a_printable_solid(bone, unit, edge, voxel, tmp_path):
     if not BONES.is_dir():
         pytest.skip("the real bones are not beside this checkout")
