@@ -107,10 +107,11 @@ class Store:
     def prepare(self) -> None:
         """Make the store's folders and remove what a killed run left; only for whom the run directory is locked."""
         self.make_folders()
-        for leftover in self.root.glob("*/.partial-*"):
-            leftover.unlink(missing_ok=True)
         for leftover in self.root.glob(f"{OUT_PREFIX}*"):
             shutil.rmtree(leftover, ignore_errors=True)
+        for kind in _KINDS:
+            for leftover in (self.root / kind).glob(".partial-*"):
+                leftover.unlink(missing_ok=True)
 
     def make_folders(self) -> None:
         """Make the store's folders."""

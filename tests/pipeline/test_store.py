@@ -208,9 +208,10 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path):
 def test_what_a_killed_run_left_is_removed(store: Store, tmp_path: Path):
     stored_run(store, tmp_path)
     whole = {path for path in store.root.rglob("*") if path.is_file()}
+    unfinished = store.root / ".out-123" / ".partial-456"  # a stage may have a folder of its own in the one it is given
+    unfinished.mkdir(parents=True)
+    (unfinished / "solid.stl").write_bytes(b"half")
     (store.root / "arrays" / ".partial-123").write_bytes(b"half")
-    (store.root / ".out-123").mkdir()
-    (store.root / ".out-123" / "solid.stl").write_bytes(b"half")
     store.prepare()
     assert {path for path in store.root.rglob("*") if path.is_file()} == whole
     assert not (store.root / ".out-123").exists()
