@@ -124,7 +124,7 @@ SECTIONS: Mapping[str, tuple[Entry, ...]] = {
         Entry("Elements", "elements", "Points and segments that the field is interpolated from."),
         Entry("Voxels", "voxels", "Samples of the field."),
         Entry("Voxel size", "voxel_size", "Distance between samples: finer details are lost.", MM),
-        Entry("Voxel size of the measures", "measure_voxel_size", "Of thickness, pore size and transport.", MM),
+        Entry("Voxel size of the measures", "measure_voxel_size", "Thicknesses and sizes are off by one at most.", MM),
     ),
 }
 
