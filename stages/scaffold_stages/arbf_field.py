@@ -35,8 +35,9 @@ _EXPONENT, _SUPPORT = 4, 1.0
 
 c = 0.05: (-0.19, -0.05), 0.02: (-0.76, 0.68), 0.01: (-0.97, 0.96). With 0.02 a strut of the hip bone (1 of 23,632), the
 meniscus and the femur left the window at 65 % porosity; with 0.01 a strut of the heel bone does now and then, as
-fTetWild gives another mesh each time: one beside the channel of a flat cell. On a mesh that comes near to it 0.01: (-0.84, 0.78) and 0.002: (-0.999, 0.999), while samples
-move by 0.002 in the mean and the iso by 0.004; smaller ones move nothing more, and leave single precision less room.
+fTetWild gives another mesh each time: one beside the channel of a flat cell. On a mesh that came near to it 0.01 gave
+(-0.84, 0.78) and 0.002 (-0.999, 0.999), while samples moved by 0.002 in the mean and the iso by 0.004; smaller ones
+move nothing more, and leave single precision less room.
 In a plane channels end on struts, which are as wide there as c is long: 0.002 parts them in the file, 0.01 does not.
 p = 2: (-0.46, 0.23), 6: (-0.90, 0.86), but it crowds 65 to 80 % porosity into iso-values of 0.85 to 0.99. With c and R
 of the mean edge, not the local: (-0.49, 0.41). R of 0.6 to 1.6 moves the window by 0.001 and leaves no sample half
