@@ -12,6 +12,7 @@ from scaffold_pipeline.contract import Params, Share, stage
 from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_pipeline.measurements import Metrics
 from scaffold_pipeline.polygons import Contour
+from scaffold_stages._measures.gates import to_number
 
 
 class MeasurePlateParams(Params):
@@ -84,19 +85,15 @@ def _failed_gates(values: dict[str, Fact], params: MeasurePlateParams) -> Iterat
             f"one_piece: {values['solid_pieces']} pieces instead of 1; lower porosity or iso, or let contour drop "
             "slivers (min_piece)"
         )
-    porosity, asked = _number(values["porosity"]), values["porosity_requested"]
-    if params.gate_porosity and asked is not None and abs(porosity - _number(asked)) > params.porosity_tolerance:
+    porosity, asked = to_number(values["porosity"]), values["porosity_requested"]
+    if params.gate_porosity and asked is not None and abs(porosity - to_number(asked)) > params.porosity_tolerance:
         yield (
-            f"porosity: {porosity:.4f} differs from the {_number(asked):g} asked for by more than "
+            f"porosity: {porosity:.4f} differs from the {to_number(asked):g} asked for by more than "
             f"{params.porosity_tolerance:g}; smaller voxels bring it nearer"
         )
     if params.gate_struts_whole and values.get("struts_broken"):
-        iso, high = _number(values["iso"]), _number(values["strut_min"])
+        iso, high = to_number(values["iso"]), to_number(values["strut_min"])
         yield (
             f"struts_whole: iso {iso:.4f} is {iso - high:.4f} above strut_min: {values['struts_broken']} of "
             f"{values['struts']} struts may be broken; lower porosity or iso"
         )
-
-
-def _number(fact: Fact) -> float:
-    return float(fact) if isinstance(fact, int | float) else 0.0

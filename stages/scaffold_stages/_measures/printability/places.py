@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_pipeline.artifacts import Floats, SurfaceMesh
+from scaffold_stages._measures.facts import to_place
 
 _REGIONS = 50
 """Places are at least this share of the solid's diagonal apart: less is one spot on a page."""
@@ -33,4 +34,4 @@ def worst_apart(points: Floats, badness: Floats, apart: float, most: int) -> NDA
 
 def worded(place: Floats) -> str:
     """Return a place (3,), mm, as a message has it."""
-    return "({})".format(", ".join(f"{coordinate:.4g}" for coordinate in place))
+    return f"({to_place(place)})"
