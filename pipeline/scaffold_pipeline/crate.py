@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rocrate.model.entity import Entity
     from rocrate.rocrate import ROCrate
 
-_VERSION = "1.2"
+_VERSION = "1.3"
 """Of the RO-Crate specification."""
 
 _PROGRAM = "scaffold-pipeline"
