@@ -7,7 +7,6 @@ full, read-only or gone, the stage is run.
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import time
@@ -16,7 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeVar
+from typing import TypeVar
 
 from filelock import FileLock
 
@@ -62,13 +61,6 @@ def parse_size(text: str, source: str) -> int:
     if match is None:
         raise ConfigError([Fault(0, 0, f"must be a size such as 500 MB or 20 GB, got {text!r}", source)])
     return round(float(match[1]) * _UNITS[match[2].upper()])
-
-
-class Peaks(NamedTuple):
-    """The most memory that stages have had, bytes, by their names, and the finest voxels, mm, that any was given."""
-
-    by_stage: dict[str, int]
-    voxel_size: float | None
 
 
 class Cache:
@@ -125,18 +117,6 @@ class Cache:
                     used = self.store.path("results", key).stat().st_mtime
                     found.append(Entry(key, result["stage"], result["version"], result["seconds"], files, used))
         return sorted(found, key=lambda entry: entry.used, reverse=True)
-
-    def peaks(self) -> Peaks:
-        """Return the most memory that each stage whose results are stored has had, and with what voxels."""
-        found: dict[str, int] = {}
-        finest: float | None = None
-        for key in self.store.stored_keys():
-            with suppress(OSError, ValueError, KeyError, TypeError):  # what is damaged tells nothing
-                result = json.loads(self.store.path("results", key).read_text(encoding="utf-8"))["result"]
-                found[result["stage"]] = max(found.get(result["stage"], 0), int(result["peak_memory_bytes"]))
-                voxel_size = result["parameters"].get("voxel_size")
-                finest = min(finest or voxel_size, voxel_size) if voxel_size else finest
-        return Peaks(found, finest)
 
     def size(self) -> int:
         """Return the bytes of all results."""

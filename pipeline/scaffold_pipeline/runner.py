@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from concurrent.futures import Executor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -34,7 +34,7 @@ from scaffold_pipeline.measurements import Metrics
 from scaffold_pipeline.memory import PeakMemory
 from scaffold_pipeline.plan import Plan, Step
 from scaffold_pipeline.records import StepRecord, config_hash, input_files, step_key
-from scaffold_pipeline.store import OUT_PREFIX, DamagedStoreError, Store
+from scaffold_pipeline.store import OUT_PREFIX, DamagedStoreError, Store, first_result
 
 STORE = ".store"
 """Folder of a run directory that holds the results of its stages."""
@@ -162,21 +162,12 @@ def unchanged_labels(plan: Plan, out: Path, force: Collection[str] = (), cache: 
     stores = [Store(out / STORE), *([cache.store] if cache else [])]
     for step in plan.steps:
         is_known = step.label not in force and all(slot in state.records for slot in step.sources.values())
-        stored = _first_whole(stores, step_key(plan, step, state.hashes(step))) if is_known else None
+        stored = first_result(stores, step_key(plan, step, state.hashes(step))) if is_known else None
         state.records.pop(step.slot, None)
         if stored is not None:
             state.records[step.slot] = _reused(step, stored)
             labels.append(step.label)
     return labels
-
-
-def _first_whole(stores: Iterable[Store], key: str) -> dict[str, Any] | None:
-    for store in stores:
-        with suppress(DamagedStoreError):
-            stored = store.result(key)
-            if stored is not None:
-                return stored
-    return None
 
 
 def _run_despite_damage(run: _Run) -> tuple[list[StepRecord], Metrics | None]:

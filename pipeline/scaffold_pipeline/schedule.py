@@ -13,22 +13,18 @@ MOST_DEATHS = 2
 """A task whose worker dies is tried again, alone, once: it may have been the memory that another task took. So is one
 that has not had the memory that it needs while another ran beside it."""
 
-_USUAL_PEAK = 2**30
-"""Bytes that a task is taken to need where neither it nor one that has ended tells more."""
-
 
 @dataclass(frozen=True)
 class Task:
     """Something to do, and the hashes of all pieces of work in it: a piece that two have in common is done once.
 
-    `memory` are the bytes that it is expected to need, 0 where nothing is known; `density` is how many voxels it has
-    in a mm^3, 0 where that is not known: as many times more, as many times more memory.
+    `memory` are the bytes that it is expected to need, before any other has ended and shown how far such numbers are
+    off.
     """
 
     name: str
     pieces: frozenset[str]
-    memory: int = 0
-    density: float = 0.0
+    memory: int = 2**30
 
 
 @dataclass(frozen=True)
@@ -44,17 +40,13 @@ class Outcome:
     lacks_memory: bool = False
 
 
-def times_finer(density: float, other: float) -> float:
-    """Return how many times as many voxels there are at `density` as at the `other`; 1 where they are fewer."""
-    return max(density / other, 1.0) if other > 0.0 else 1.0
-
-
 @dataclass
 class Schedule:
     """Tasks on their way through an executor: `workers` at once at most, and no more than fit into `memory` bytes.
 
     `do` is what a worker calls with a task's name; `ended` is told each outcome. After a failure nothing new is
-    started unless `keep_going`.
+    started unless `keep_going`. The memory that a task is expected to need is multiplied by the most that any that has
+    ended had for a byte expected.
     """
 
     do: Callable[[str], Outcome]
@@ -62,11 +54,15 @@ class Schedule:
     workers: int
     keep_going: bool = False
     memory: int = sys.maxsize
-    _peaks: dict[float, int] = field(default_factory=dict)
+    _factor: float = 0.0
     _made: set[str] = field(default_factory=set)
     _deaths: Counter[str] = field(default_factory=Counter)
     _accompanied: set[str] = field(default_factory=set)
     _is_stopped: bool = False
+
+    def learn(self, expected: int, peak: int) -> None:
+        """Take into account that a task which was expected to need `expected` bytes had `peak`."""
+        self._factor = max(self._factor, peak / expected)
 
     def run(self, tasks: Iterable[Task], start: Callable[[], AbstractContextManager[Executor]]) -> None:
         """Do all `tasks`, in executors that `start` makes: another whenever one is broken by a worker's death."""
@@ -108,13 +104,8 @@ class Schedule:
         """Return whether `task`, which is chosen to be next, may start beside those that run."""
         if self._is_stopped or len(running) >= self.workers:
             return False
-        needed = sum(self._needed(each) or _USUAL_PEAK for each in (task, *running))
+        needed = (self._factor or 1.0) * sum(each.memory for each in (task, *running))
         return not running or (not self._deaths[task.name] and needed <= self.memory)
-
-    def _needed(self, task: Task) -> int:
-        """Return the bytes that `task` may need, by what is told of it and by those that have ended."""
-        seen = (int(peak * times_finer(task.density, density)) for density, peak in self._peaks.items())
-        return max(task.memory, *seen, 0)
 
     def _may_fit_alone(self, task: Task, outcome: Outcome) -> bool:
         return outcome.lacks_memory and task.name in self._accompanied and not self._deaths[task.name]
@@ -134,7 +125,7 @@ class Schedule:
         return []
 
     def _end(self, task: Task, outcome: Outcome) -> None:
-        self._peaks[task.density] = max(self._peaks.get(task.density, 0), outcome.peak_memory_bytes)
+        self.learn(task.memory, outcome.peak_memory_bytes)
         if outcome.error is None:
             self._made |= task.pieces
         elif not self.keep_going:

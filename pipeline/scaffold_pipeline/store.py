@@ -286,6 +286,16 @@ class Store:
         return values
 
 
+def first_result(stores: Iterable[Store], key: str) -> dict[str, Any] | None:
+    """Return what the first of `stores` that has it whole holds of `key`, or None."""
+    for store in stores:
+        with suppress(DamagedStoreError):
+            stored = store.result(key)
+            if stored is not None:
+                return stored
+    return None
+
+
 def hash_array(values: NDArray[Any]) -> str:
     """Return the SHA-256 of an array's type, shape and content."""
     digest = sha256(f"{values.dtype.str}{values.shape}".encode())

@@ -19,15 +19,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from scaffold_pipeline.cache import Cache, Peaks
+from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.cache import Cache
 from scaffold_pipeline.config import read_draft
 from scaffold_pipeline.errors import MemoryShortageError, PipelineError, lines_and_code
-from scaffold_pipeline.plan import Plan, make_plan
+from scaffold_pipeline.forecast import Grids, expected_peak, grids_of
+from scaffold_pipeline.plan import make_plan
 from scaffold_pipeline.records import config_hash, recipes
 from scaffold_pipeline.report.publish import environment, publish
 from scaffold_pipeline.runner import STORE, execute, locked, unchanged_labels
-from scaffold_pipeline.schedule import Outcome, Schedule, Task, times_finer
-from scaffold_pipeline.store import Store, write_atomically
+from scaffold_pipeline.schedule import Outcome, Schedule, Task
+from scaffold_pipeline.store import Store, first_result, write_atomically
 from scaffold_pipeline.study_file import Point, Study
 from scaffold_pipeline.study_page import write_page
 from scaffold_pipeline.study_table import FAILURE, PointState, read_state, write_json, write_results
@@ -45,8 +47,7 @@ _WRITE_EVERY = 5.0
 class Site:
     """A point and what is known before it runs: its resolved config, and for each label a hash of all behind it.
 
-    `unchanged` are the labels whose results are stored; `memory` is the most, bytes, that the others may need by what
-    stages of their names have had in earlier runs, 0 where there were none; `density` is that of its voxels, mm^-3.
+    `unchanged` are the labels whose results are stored.
     """
 
     point: Point
@@ -55,13 +56,26 @@ class Site:
     config_sha256: str
     recipes: Mapping[str, str]
     unchanged: frozenset[str]
-    memory: int
-    density: float
+    grids: Grids
 
     @property
     def state(self) -> PointState:
         """What the point's folder says now."""
         return read_state(self.point.name, self.point.varied, self.folder, self.config_sha256)
+
+    @property
+    def source(self) -> str:
+        """The key of the first stage's result, which reads nothing: it gives the shape, or a mesh of it."""
+        return next(iter(self.recipes.values()))
+
+    def shape(self, cache: Cache) -> Mapping[str, Fact]:
+        """Return the facts of what the first stage gave, none where it is not stored."""
+        stored = first_result([cache.store, Store(self.folder / STORE)], self.source)
+        return stored["summary"] if stored else {}
+
+    def memory(self, cache: Cache) -> int:
+        """Return the bytes that the point may need."""
+        return expected_peak(self.grids, self.shape(cache))
 
     @property
     def work(self) -> frozenset[str]:
@@ -85,8 +99,7 @@ class Watcher:
 def survey(study: Study, out: Path, cache: Cache | None = None) -> list[Site]:
     """Return all points with what is stored of each; reads the folders and writes nothing."""
     used = cache or own_cache(out)
-    peaks = used.peaks()
-    return [_site(point, out, used, peaks) for point in study.points]
+    return [_site(point, out, used) for point in study.points]
 
 
 def own_cache(out: Path) -> Cache:
@@ -99,20 +112,10 @@ def work_left(sites: Iterable[Site]) -> int:
     return len(frozenset[str]().union(*(site.work for site in sites)))
 
 
-def _site(point: Point, out: Path, cache: Cache, peaks: Peaks) -> Site:
+def _site(point: Point, out: Path, cache: Cache) -> Site:
     plan, folder = point.plan(), out.resolve() / POINTS / point.name
     unchanged = frozenset(unchanged_labels(plan, folder, cache=cache))
-    left = [peaks.by_stage.get(step.stage.name, 0) for step in plan.steps if step.label not in unchanged]
-    density = _density(plan)
-    finer = times_finer(density, peaks.voxel_size**-3 if peaks.voxel_size else 0.0)
-    memory = int(max(left, default=0) * finer)
-    return Site(point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged, memory, density)
-
-
-def _density(plan: Plan) -> float:
-    """Return the voxels in a mm^3 of the finest grid that a stage asks for by its `voxel_size`, 0 where none does."""
-    sizes = (getattr(step.params, "voxel_size", None) for step in plan.steps)
-    return max((size**-3 for size in sizes if size), default=0.0)
+    return Site(point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged, grids_of(plan))
 
 
 def run_study(
@@ -137,7 +140,10 @@ def run_study(
         do = partial(run_point, out.resolve() / POINTS, shared.root)
         schedule = Schedule(do, bench.ended, crew.size, keep_going, crew.memory)
         try:
-            schedule.run(bench.tasks(), crew.start)
+            if crew.size > 1:
+                bench.load_shapes(shared, crew)
+                bench.teach(shared, schedule)
+            schedule.run(bench.tasks(shared), crew.start)
         finally:
             bench.write()
         states = list(bench.states.values())
@@ -145,14 +151,15 @@ def run_study(
     return states
 
 
-def run_point(points: Path, cache: Path, name: str) -> Outcome:
-    """Run the point whose folder is there, in a worker; whatever fails is the outcome."""
+def run_point(points: Path, cache: Path, name: str, *, first_only: bool = False) -> Outcome:
+    """Run the point whose folder is there, or its first stage, in a worker; whatever fails is the outcome."""
     folder = points / name
     try:
         with interruptible(), locked(folder):
             plan = make_plan(read_draft(folder / "config.yaml"))
-            result = execute(plan, folder, cache=Cache(cache))
-            publish(plan, result, folder)
+            result = execute(plan, folder, until=plan.labels[0] if first_only else None, cache=Cache(cache))
+            if result.is_complete:
+                publish(plan, result, folder)
     except Exception as error:  # noqa: BLE001 - one point never ends the others
         return Outcome(lines_and_code(error)[0], lacks_memory=isinstance(error, MemoryShortageError))
     return Outcome(None, max(step.peak_memory_bytes for step in result.steps), result.warnings)
@@ -187,8 +194,22 @@ class _Bench:
         self._facts = {"name": self.study.name, "workers": workers, "cache": str(cache.root), **environment()}
         self.write()
 
-    def tasks(self) -> list[Task]:
-        return [Task(name, site.work, site.memory, site.density) for name, site in self.left.items()]
+    def load_shapes(self, cache: Cache, crew: Crew) -> None:
+        """Let the first stage of each point be done that tells how large it is, once for all that share it."""
+        unknown = {site.source: name for name, site in self.left.items() if site.grids.any and not site.shape(cache)}
+        do = partial(run_point, self.out.resolve() / POINTS, cache.root, first_only=True)
+        schedule = Schedule(do, lambda _name, _outcome: None, crew.size, keep_going=True, memory=crew.memory)
+        schedule.run([Task(name, frozenset()) for name in unknown.values()], crew.start)
+
+    def teach(self, cache: Cache, schedule: Schedule) -> None:
+        """Tell `schedule` how much memory the points had that were done before."""
+        for site in self.sites:
+            if site.point.name not in self.left:
+                schedule.learn(site.memory(cache), site.state.record["peak_memory_bytes"])
+
+    def tasks(self, cache: Cache) -> list[Task]:
+        """Return what is left to do."""
+        return [Task(name, site.work, site.memory(cache)) for name, site in self.left.items()]
 
     def ended(self, name: str, outcome: Outcome) -> None:
         """Keep what became of a point."""

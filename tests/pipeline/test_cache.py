@@ -336,12 +336,3 @@ def test_a_cache_that_is_not_there_is_a_line(project: Project, arguments: list[s
     answer = project.command("cache", *arguments)
     assert (answer.code, answer.out, len(answer.err.splitlines())) == (2, "", 1)
     assert fault in answer.err
-
-
-def test_the_cache_tells_the_most_memory_that_each_stage_has_had(project: Project, cache: Cache):
-    results = [project.execute(CHAIN, f"make_points.count={count}", cache=cache) for count in (3, 4)]
-    assert sorted(cache.peaks().by_stage) == sorted(LABELS)
-    peaks = [step.peak_memory_bytes for result in results for step in result.steps if step.label == "make_points"]
-    assert cache.peaks().by_stage["make_points"] == max(peaks)
-    next((cache.root / "results").iterdir()).write_text("{")
-    assert len(cache.peaks().by_stage) >= len(LABELS) - 1

@@ -112,15 +112,28 @@ def test_what_is_expected_to_need_much_is_started_alone_from_the_beginning():
     assert (max(map(len, ledger.together)), len(ledger.ended)) == (1, 4)
 
 
-@pytest.mark.parametrize(("density", "most"), [(1.0, 2), (8.0, 1)])
-def test_finer_voxels_are_expected_to_need_as_many_times_more(density: float, most: int):
+@pytest.mark.parametrize(("expected", "most"), [(GIB, 2), (8 * GIB, 1)])
+def test_what_is_expected_is_corrected_by_those_that_have_ended(expected: int, most: int):
     def work(_: str) -> Outcome:
         time.sleep(0.1)
-        return Outcome(peak_memory_bytes=GIB)
+        return Outcome(peak_memory_bytes=GIB // 2)
 
-    todo = [Task("coarse", frozenset(), 3 * GIB, density=1.0)]
-    todo += [Task(str(number), frozenset(), density=density) for number in range(4)]
-    ledger = run(todo, work, workers=2, memory=3 * GIB)
+    first = Task("first", frozenset(), memory=GIB)
+    others = [Task(str(number), frozenset(), memory=expected) for number in range(4)]
+    ledger = run([first, *others], work, workers=2, memory=3 * GIB)
+    assert max(map(len, ledger.together[2:])) == most
+
+
+@pytest.mark.parametrize(("peak", "most"), [(GIB, 2), (2 * GIB, 1)])
+def test_what_has_ended_before_corrects_too(peak: int, most: int):
+    def work(_: str) -> Outcome:
+        time.sleep(0.1)
+        return Outcome()
+
+    ledger = Ledger()
+    schedule = Schedule(ledger.working(work), ledger.end, workers=2, memory=3 * GIB)
+    schedule.learn(GIB, peak)
+    schedule.run([Task(str(number), frozenset(), memory=GIB) for number in range(4)], threads)
     assert max(map(len, ledger.together)) == most
 
 

@@ -3,20 +3,19 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
 from pipeline.workplace import Project, harm
-from scaffold_pipeline import workers
+from scaffold_pipeline import forecast, study, workers
 from scaffold_pipeline.cores import core_count, thread_count, threads_of_children
+from scaffold_pipeline.schedule import Schedule, Task
 from scaffold_pipeline.store import hash_file
-from scaffold_pipeline.study import own_cache, survey
-from scaffold_pipeline.study_file import read_study
 
 BASE = """
     seed: 7
@@ -324,15 +323,62 @@ def test_children_share_the_cores(monkeypatch: pytest.MonkeyPatch):
     assert thread_count() == core_count()
 
 
-def test_what_a_point_may_need_grows_with_its_voxels(project: Project):
-    project.write("stages: [{use: cast_points, log: log, voxel_size: 0.4}, {use: write_points}]", "base.yaml")
-    project.write("{base: base.yaml, vary: {cast_points.voxel_size: [0.2, 0.8]}}", "study.yaml")
-    study = read_study(Path("study.yaml"))
-    assert [site.memory for site in survey(study, OUT)] == [0, 0]
-    cache = own_cache(OUT)
-    result = project.execute(
-        "stages: [{use: cast_points, log: log, voxel_size: 0.4}, {use: write_points}]", cache=cache
+BLOCKS = """
+    stages:
+      - {use: make_block, side: 10.0, log: log}
+      - {use: cast_points, log: others, voxel_size: 0.1}
+      - use: write_points
+    """
+
+
+class Spy(Schedule):
+    """Remembers the memory that the tasks of each schedule are expected to need, and the factor it begins with."""
+
+    given: ClassVar[list[tuple[list[int], float]]] = []
+
+    def run(self, tasks: Iterable[Task], start: Callable[[], AbstractContextManager[Executor]]) -> None:
+        todo = list(tasks)
+        self.given.append(([task.memory for task in todo], self._factor))
+        super().run(todo, start)
+
+
+@pytest.fixture
+def spy(project: Project, monkeypatch: pytest.MonkeyPatch) -> list[tuple[list[int], float]]:
+    """Return what the schedules of a study of blocks are given: two shapes, each in voxels of two sizes."""
+    project.write(BLOCKS, "base.yaml")
+    project.write(
+        "{base: base.yaml, vary: {make_block.side: [10, 20], cast_points.voxel_size: [0.1, 0.2]}}", "study.yaml"
     )
-    peak = max(step.peak_memory_bytes for step in result.steps)
-    finer, coarser = survey(study, OUT)
-    assert (finer.memory, coarser.memory) == (pytest.approx(8 * peak, rel=1e-9), peak)
+    monkeypatch.setattr(Spy, "given", [])
+    monkeypatch.setattr(study, "Schedule", Spy)
+    return Spy.given
+
+
+def test_a_first_study_loads_its_shapes_and_then_knows_how_much_memory_each_point_may_need(project: Project, spy: Any):  # noqa: ANN401
+    assert project.command("study", "study.yaml", "--workers", "2").code == 0
+    (shapes, _), (points, factor) = spy
+    assert (len(shapes), factor) == (2, 0.0)
+    assert Path("log").read_text() == "called\n" * 2  # once for all points that share it
+    small, small_coarse, large, large_coarse = points
+    assert small == large_coarse == pytest.approx(small_coarse + (large - small_coarse) / 9.0)  # 2^3 and 4^3 as many
+
+
+def test_points_that_were_done_before_tell_how_far_off_that_is(project: Project, spy: Any):  # noqa: ANN401
+    assert project.command("study", "study.yaml", "--workers", "2").code == 0
+    shutil.rmtree(min(POINTS.iterdir()))
+    assert project.command("study", "study.yaml", "--workers", "2").code == 0
+    (first, _), (again, factor) = spy[1], spy[-1]
+    assert again == first[:1]
+    records = [json.loads((folder / "run.json").read_text()) for folder in sorted(POINTS.iterdir())[1:]]
+    peaks = [record["peak_memory_bytes"] for record in records]
+    assert factor == max(peak / memory for peak, memory in zip(peaks, first[1:], strict=True))
+
+
+def test_where_points_follow_each_other_no_memory_is_foretold(project: Project, spy: Any):  # noqa: ANN401
+    assert project.command("study", "study.yaml", "--workers", "1").code == 0
+    assert len(spy) == 1
+
+
+def test_a_shape_that_cannot_be_loaded_is_the_failure_of_its_points_alone(project: Project, spy: Any):  # noqa: ANN401
+    answer = project.command("study", "study.yaml", "--workers", "2", "--keep-going", "--set", "make_block.log=/")
+    assert (answer.code, len(spy[1][0]), set(spy[1][0])) == (1, 4, {forecast.USUAL})

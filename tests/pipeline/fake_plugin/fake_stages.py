@@ -42,6 +42,16 @@ class Picture(Artifact):
     notes: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class Block(Points):
+    """Points that fill a cube of `side` mm."""
+
+    side: float = 1.0
+
+    def summary(self) -> dict[str, Fact]:
+        return {**super().summary(), "volume_mm3": self.side**3, **{f"size_{axis}": self.side for axis in "xyz"}}
+
+
 class MakePointsParams(Params):
     """Parameters of `make_points`."""
 
@@ -220,6 +230,24 @@ def cast_points(*, params: CastPointsParams) -> Points:
         stream.write("called\n")
     time.sleep(params.seconds)
     return Points(np.frombuffer(os.urandom(12), np.uint8).reshape(-1, 3))
+
+
+class MakeBlockParams(Params):
+    """Parameters of `make_block`."""
+
+    side: Millimetres = 1.0
+    """Edge of the cube."""
+
+    log: str
+    """A file that gets a line at each call."""
+
+
+@stage(writes="block", version=1)
+def make_block(*, params: MakeBlockParams) -> Block:
+    """Make points that fill a cube."""
+    with Path(params.log).open("a", encoding="utf-8") as stream:
+        stream.write("called\n")
+    return Block(np.zeros((1, 3)), params.side)
 
 
 class DieParams(Params):
