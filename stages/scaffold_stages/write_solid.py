@@ -52,7 +52,7 @@ class WriteSolidParams(Params):
 
 @stage(
     writes="written",
-    version=4,
+    version=5,
     libraries=("lib3mf", "libigl", "llvmlite", "manifold3d", "numba", "pyvista", "scipy", "trimesh", "vtk"),
 )
 def write_solid(

@@ -36,7 +36,7 @@ _FOOT, _MARGIN = 64, 24
 _BAR_HEIGHT = 6
 _OVERSAMPLING = 2  # a pixel is the mean of 2 x 2: VTK's own antialiasing takes thrice the time here
 _SMOOTH_UP_TO = 2_000_000  # triangles; smaller ones are about a pixel and need no smooth shading
-_SHARP = 40.0  # degrees; sharper edges, the rims of cut pores, are not shaded smoothly
+_SHARP = 20.0  # degrees; with more, a rim that a pore leaves at a shallow angle draws a scratch across a flat face
 _SHADOW_REACH = 0.04  # diagonals; how far ambient occlusion looks around a point
 _BAR_SHARE = 0.22
 
