@@ -47,7 +47,7 @@ class MeasureParams(GateParams):
 
 @stage(
     writes="metrics",
-    version=8,
+    version=9,
     libraries=("edt", "libigl", "llvmlite", "numba", "pyamg", "scipy"),
 )
 def measure(

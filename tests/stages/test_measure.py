@@ -354,7 +354,10 @@ def test_the_morphometry_of_a_square_channel_is_that_of_its_sides():
         "tortuosity_x": None,
     }
     assert {name: metrics.values[name] for name in expected} == expected
-    axis = [float(part) for part in metrics.values["anisotropy_axis"].split(", ")]
+    axis, throat = (
+        [float(part) for part in metrics.values[name].split(", ")] for name in ("anisotropy_axis", "throat_50_at")
+    )
+    assert throat[:2] == pytest.approx([4.0, 3.5], abs=2.0)  # in the channel, 3 mm wide
     assert axis == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
     assert [histogram.name for histogram in metrics.histograms] == ["strut_thickness", "pore_size"]
     assert [histogram.shares.sum() for histogram in metrics.histograms] == pytest.approx([1.0, 1.0])

@@ -146,7 +146,8 @@ def _facts(name: str, found: Distribution | None) -> dict[str, Fact]:
 def _ways_facts(ways: Accessibility, probes: Sequence[float]) -> dict[str, Fact]:
     values: dict[str, Fact] = {}
     for throat in ways.throats:
-        values[f"throat_{100 * throat.share:g}"] = throat.diameter
+        name = f"throat_{100 * throat.share:g}"
+        values |= {name: throat.diameter, f"{name}_at": None if throat.place is None else to_place(throat.place)}
     for probe, share in zip(probes, share_reached(ways, np.array(probes, float)).tolist(), strict=True):
         values[f"accessible_to_{probe:g}_mm"] = share
     return values
