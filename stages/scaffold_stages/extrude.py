@@ -18,7 +18,7 @@ class ExtrudeParams(Params):
 
 
 @stage(
-    writes="solid", version=1, libraries=("libigl", "llvmlite", "manifold3d", "numba", "scikit-image", "scipy", "vtk")
+    writes="solid", version=2, libraries=("libigl", "llvmlite", "manifold3d", "numba", "scikit-image", "scipy", "vtk")
 )
 def extrude(contour: Contour, *, params: ExtrudeParams) -> Solid:
     """Make a plate of a contour, `height` mm thick, standing on its plane.

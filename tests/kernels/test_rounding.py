@@ -13,6 +13,7 @@ from scaffold_stages._kernels.solids import to_body
 
 BALL = trimesh.creation.icosphere(4, radius=5.0)
 VERTICES, FACES = np.asarray(BALL.vertices), np.asarray(BALL.faces)
+STEP = float(np.spacing(np.float32(5.0)))
 
 
 def with_slivers(seed: int = 0) -> np.ndarray:
@@ -47,8 +48,22 @@ def test_slivers_that_rounding_would_fold_are_opened(offset: float, seed: int):
     assert body.volume() == pytest.approx(to_body(slivers, FACES, "ball").volume(), rel=1e-4)
 
 
-def test_what_single_precision_holds_is_left_as_it_is():
-    vertices = VERTICES.astype(np.float32).astype(np.float64)
+def test_no_two_vertices_lie_so_close_that_a_reader_would_weld_them():
+    vertices = VERTICES.copy()
+    near = np.argsort(np.linalg.norm(vertices[:, :2], axis=1))[:12]
+    vertices[near] *= [1e-9, 1e-9, 1.0]  # single precision tells such vertices apart beside the axis
+    naive = vertices.astype(np.float32)
+    assert len(np.unique(naive, axis=0)) == len(vertices)
+    assert len(np.unique(np.round(naive.astype(np.float64), 8), axis=0)) < len(vertices)
+
+    rounded = in_single_precision(vertices, FACES, "ball")
+
+    assert len(np.unique(np.round(rounded.vertices, 8), axis=0)) == len(rounded.vertices)
+    assert is_clean(rounded.vertices, rounded.faces)
+
+
+def test_what_is_in_steps_of_single_precision_is_left_as_it_is():
+    vertices = np.round(VERTICES / STEP) * STEP
 
     rounded = in_single_precision(vertices, FACES, "ball")
 
