@@ -9,6 +9,8 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
+from scaffold_pipeline.forecast import USUAL
+
 MOST_DEATHS = 2
 """A task whose worker dies is tried again, alone, once: it may have been the memory that another task took. So is one
 that has not had the memory that it needs while another ran beside it."""
@@ -24,7 +26,7 @@ class Task:
 
     name: str
     pieces: frozenset[str]
-    memory: int = 2**30
+    memory: int = USUAL
 
 
 @dataclass(frozen=True)
