@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 from scaffold_pipeline.report.markup import TABLES, document, harmless_json, section, table, text_of
-from scaffold_pipeline.report.wording import failed_gates, to_text
+from scaffold_pipeline.report.wording import failed_gates, to_name, to_text
 from scaffold_pipeline.store import write_atomically
 from scaffold_pipeline.study_file import Study
 from scaffold_pipeline.study_table import TABLE, PointState, to_cell, to_table
@@ -183,7 +183,10 @@ def _card(card: Card, pictures: Mapping[str, Image | None], folder: str) -> str:
 
 
 def _table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    cells = [[_shown(value) for value in row] for row in rows]
+    cells = [
+        [_shown(to_name(value) if title == "seed" else value) for title, value in zip(titles, row, strict=True)]
+        for row in rows
+    ]
     heads = [re.sub(r"(?<=[._])", "<wbr>", escape(title)) for title in titles]
     kind = "points" if len(titles) <= _MOST_ON_PAPER else "points too-wide"
     return _TABLE_INTRO + table(heads, cells, kind)

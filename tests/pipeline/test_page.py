@@ -108,6 +108,12 @@ def test_the_page_tells_verdict_metrics_stages_and_provenance():
     assert [phrase for phrase in expected if phrase not in unescape(text)] == []
 
 
+def test_seeds_are_told_digit_by_digit():
+    stage = {**RECORD["stages"][0], "seed": 9876543210123}
+    assert "seed 1234567 \u00b7" in words(page({"seed": 1234567}))
+    assert page({"seed": 1234567, "stages": [stage]}).count("<code>9876543210123</code>") == 1
+
+
 def test_a_failed_gate_is_a_line_under_the_verdict():
     text = page(metrics={"quality": "certificate: iso is high; lower c; one_piece: 10 pieces; lower porosity"})
 

@@ -133,6 +133,13 @@ def test_the_table_has_all_that_table_csv_has(project: Project):
     assert "What it shows." in text
 
 
+def test_a_seed_can_be_copied_from_the_table_digit_by_digit(tmp_path: Path):
+    states = [replace(state("exact", count, 0.5), varied={"seed": 4398626441190084260 + count}) for count in (9, 10)]
+    write_page(tmp_path, replace(study(states), columns=["seed"]), states, "points")
+    text = text_of(tmp_path)
+    assert {"<td>4398626441190084269</td>", "<td>4398626441190084270</td>"} <= set(re.findall("<td>.*?</td>", text))
+
+
 # What it may not do
 
 

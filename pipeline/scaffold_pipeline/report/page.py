@@ -23,7 +23,7 @@ from scaffold_pipeline.report.results import highlights, results
 from scaffold_pipeline.report.sources import Sources
 from scaffold_pipeline.report.view import colour_of, draw_view, places_of, read_view
 from scaffold_pipeline.report.window import draw_window
-from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_duration, to_size, to_text
+from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_duration, to_name, to_size, to_text
 
 _SHORT = 24
 """Characters of a fact that has a place in the line of its stage."""
@@ -81,7 +81,7 @@ def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact])
     when = record.get("finished") or record.get("started")
     told = " \u00b7 ".join(
         (
-            f"seed {text_of(record.get('seed'))}",
+            f"seed {text_of(to_name(record.get('seed')))}",
             to_duration(record.get("seconds")),
             f"{to_size(record.get('peak_memory_bytes'))} at most",
             text_of(when).replace("T", " "),
@@ -212,7 +212,7 @@ def _stage_facts(stage: Mapping[str, Any]) -> str:
         **{f"reads {slot}": digest for slot, digest in (stage.get("inputs") or {}).items()},
         **{f"file {name}": digest for name, digest in (stage.get("input_files") or {}).items()},
         f"writes {to_text(stage.get('slot'))}": stage.get("output"),
-        "seed": stage.get("seed"),
+        "seed": to_name(stage.get("seed")),
     }
     parameters = stage.get("parameters") or {}
     rows = ((text_of(key), f"<code>{text_of(value)}</code>") for key, value in {**parameters, **origin}.items())
@@ -250,7 +250,7 @@ def _files(files: Mapping[str, Mapping[str, Any]]) -> str:
 
 def _provenance(record: Mapping[str, Any]) -> str:
     facts = {
-        "Seed": record.get("seed"),
+        "Seed": to_name(record.get("seed")),
         "SHA-256 of the configuration": record.get("config_sha256"),
         **{str(key).capitalize(): value for key, value in (record.get("platform") or {}).items()},
     }

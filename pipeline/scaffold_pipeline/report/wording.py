@@ -32,6 +32,15 @@ def to_text(value: object) -> str:
     return str(value)
 
 
+def to_name(number: object) -> str | None:
+    """Return a number that names something, such as a seed, digit by digit, to be copied.
+
+    >>> [to_name(number) for number in (4398626441190084260, None)]
+    ['4398626441190084260', None]
+    """
+    return None if number is None else str(number)
+
+
 def to_duration(seconds: float | None) -> str:
     """Return a time for people.
 
