@@ -33,8 +33,10 @@ from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.fields import ScalarField
 from scaffold_stages._fields import interpolation, sampling
+from scaffold_stages._kernels import solids
 from scaffold_stages._kernels.skeleton import skeleton_of
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
+from shapes import box
 
 C, EXPONENT, SUPPORT = 0.002, 4, 1.0
 BOX = [
@@ -215,8 +217,23 @@ def test_a_smaller_c_opens_the_pinched_window():
 
 
 def test_a_support_too_small_is_an_error_that_names_it():
-    with pytest.raises(StageError, match=r"^support: \d+ samples .* raise support \(now 0.2 local edge lengths\)"):
+    with pytest.raises(StageError, match=r"^support: 0\.\d+ of .* raise support \(now 0.2 local edge lengths\)"):
         field_of(tetrahedra((1, 1, 1)), voxel_size=0.1, support=0.2)
+
+
+def spiked(mesh: Mesh) -> OuterShape:
+    """The box around a mesh with a thin spike on top, whose tip the mesh does not reach."""
+    outer = box_around(mesh)
+    (x, y, _), top = outer.vertices.mean(axis=0), outer.vertices[:, 2].max()
+    spike = box((x - 0.06, y - 0.06, top - 0.5), (x + 0.06, y + 0.06, top + 1.6))
+    body = solids.to_body(outer.vertices, outer.faces, "box") + solids.to_body(*spike, "spike")
+    return OuterShape(*solids.from_body(body))
+
+
+def test_a_few_samples_that_only_struts_or_channels_reach_are_a_warning():
+    mesh = tetrahedra((3, 3, 3))
+    with pytest.warns(PipelineWarning, match=r"^support: 0\.000\d+ of the samples .* as what reaches them$"):
+        field_of(mesh, spiked(mesh), voxel_size=0.1)
 
 
 def test_a_mesh_that_leaves_part_of_the_outer_shape_empty_is_an_error():
