@@ -138,7 +138,7 @@ def _on_voxels(segments: Segments, voxels: Voxels, support: float, executor: Exe
         values, half_reached = filled(segments, voxels, _BOX)
     else:
         values, half_reached = in_slabs(segments, voxels, _BOX, executor)
-    _require_reached(half_reached / max(int(voxels.inside.sum()), 1), support)
+    _require_reached(half_reached, int(voxels.inside.sum()), support)
     return values
 
 
@@ -161,15 +161,15 @@ def _at_points(segments: Segments) -> Callable[..., Floats]:
     return at
 
 
-def _require_reached(share: float, support: float) -> None:
+def _require_reached(half_reached: int, inside: int, support: float) -> None:
     """Require that few samples inside lack one of the kinds: fTetWild's mesh may miss the very tip of a thin part."""
-    if not share:
+    if not half_reached:
         return
     told = (
-        f"support: {share:.2g} of the samples inside the outer shape are reached by struts or by channels alone; raise "
-        f"support (now {support:g} local edge lengths), or check that the mesh fills the outer shape"
+        f"support: {half_reached} of {inside} samples inside the outer shape are reached by struts or by channels "
+        f"alone; raise support (now {support:g} local edge lengths), or check that the mesh fills the outer shape"
     )
-    if share > _MOST_HALF_REACHED:
+    if half_reached > _MOST_HALF_REACHED * inside:
         raise StageError(told)
     warnings.warn(f"{told}; they are solid or void, as what reaches them", PipelineWarning, stacklevel=2)
 

@@ -49,7 +49,7 @@ def test_samples_that_a_slab_finds_half_reached_are_told(monkeypatch: pytest.Mon
     monkeypatch.setattr(slabs, "VOXELS_AT_ONCE", 1)
     told = []
     for executor in (None, Elsewhere()):
-        with pytest.raises(StageError, match=r"support: \d+ samples") as caught:
+        with pytest.raises(StageError, match=r"support: \d+ of \d+ samples") as caught:
             arbf_field(volume(mesh), boundary(mesh), params=params, executor=executor)
         told.append(str(caught.value))
     assert told[0] == told[1]
