@@ -91,10 +91,11 @@ def test_a_worker_that_is_killed_costs_a_retry_and_not_the_study(project: Projec
         worker(address, "--no-nanny"),
     ):
         wait_for_workers(address, 2)
-        study = project.start("study", "study.yaml", "--scheduler", address)
+        lasting = ("--set", "work.seconds=5.0")  # so that both work when one is killed, however busy the machine is
+        study = project.start("study", "study.yaml", "--scheduler", address, *lasting)
         wait_for(lambda: len(list(logs.iterdir())) == 2, study)
         os.kill(first.pid, signal.SIGKILL)
-        err = study.communicate(timeout=60)[1]
+        err = study.communicate(timeout=90)[1]
         assert (study.returncode, "Traceback" in err) == (0, False), err
     assert [row["error"] for row in rows()] == ["", "", ""]
     assert sorted(log.read_text().count("called") for log in logs.iterdir()) == [1, 1, 2]
