@@ -101,8 +101,8 @@ def arbf_field(
     Samples more than two voxels outside the outer shape are void (-1). A planar mesh can do without one; its samples
     are one layer in its plane. Its channels end on its edges: no iso has all channels open and all struts whole.
     A large `normalised` field is computed in slabs by `executor`, if there is one: no bit of it depends on that.
-    Raises `StageError` where the grid or the exact system needs more memory than there is, or the support is too small
-    to reach every point.
+    Raises `StageError` where the grid or the exact system needs more memory than there is, or struts and channels do
+    not both reach all but a thousandth of the samples inside.
     """
     usual_c = _PLANAR_C if mesh.IS_PLANAR else _NORMALISED_C
     of_normalised = partial(_normalised, c=params.c or usual_c, executor=executor)
