@@ -8,10 +8,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, VolumeMesh
-from scaffold_pipeline.fields import ScalarField
-from scaffold_stages._kernels import solids, triangles
-from scaffold_stages._volumes import lattices
+from scaffold_geometry.surfaces import booleans, triangles
+from scaffold_geometry.volumes import lattices
+from scaffold_pipeline.artifacts import OuterShape, PlanarMesh, ScalarField, VolumeMesh
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -148,7 +147,7 @@ def cone(radius: float, height: float, segments: int = 64) -> Surface:
 
 def fused(*surfaces: Surface) -> Surface:
     """Return the union of closed surfaces as one."""
-    return solids.from_body(sum((_body(part) for part in surfaces[1:]), _body(surfaces[0])))
+    return booleans.from_body(sum((_body(part) for part in surfaces[1:]), _body(surfaces[0])))
 
 
 def without(whole: Surface, *parts: Surface) -> Surface:
@@ -156,7 +155,7 @@ def without(whole: Surface, *parts: Surface) -> Surface:
     body = _body(whole)
     for part in parts:
         body -= _body(part)
-    return solids.from_body(body)
+    return booleans.from_body(body)
 
 
 def turned_about_x(surface: Surface, degrees: float) -> Surface:
@@ -164,5 +163,5 @@ def turned_about_x(surface: Surface, degrees: float) -> Surface:
     return surface[0] @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]).T, surface[1]
 
 
-def _body(surface: Surface) -> solids.Body:
-    return solids.to_body(*surface, "part")
+def _body(surface: Surface) -> booleans.Body:
+    return booleans.to_body(*surface, "part")

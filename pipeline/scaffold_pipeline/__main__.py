@@ -2,6 +2,6 @@
 
 import sys
 
-from scaffold_pipeline.cli import main
+from scaffold_pipeline.cli.app import main
 
 sys.exit(main())

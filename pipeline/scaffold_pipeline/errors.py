@@ -25,7 +25,7 @@ class MemoryShortageError(StageError):
 
 
 class StageDefinitionError(PipelineError):
-    """A stage, ours or a plug-in's, does not keep the contract of `scaffold_pipeline.contract`."""
+    """A stage, ours or a plug-in's, does not keep the contract of `scaffold_pipeline.stages.contract`."""
 
 
 @dataclass(frozen=True, order=True)

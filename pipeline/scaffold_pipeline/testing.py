@@ -17,9 +17,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from scaffold_pipeline.contract import Stage, Unit
 from scaffold_pipeline.errors import StageDefinitionError
-from scaffold_pipeline.registry import load_stage
+from scaffold_pipeline.stages.contract import Stage, Unit
+from scaffold_pipeline.stages.registry import load_stage
 
 SLOW_TO_IMPORT = (
     *("igl", "lib3mf", "manifold3d", "matplotlib", "numba", "pymeshlab", "pytetwild", "pyvista"),
@@ -32,7 +32,7 @@ _BY_KEYWORD = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWOR
 
 
 def check_stage(name: str) -> None:
-    """Require that the installed stage `name` keeps the contract of `scaffold_pipeline.contract`.
+    """Require that the installed stage `name` keeps the contract of `scaffold_pipeline.stages.contract`.
 
     Raises `LookupError` where no such stage is installed, and `StageDefinitionError` with a line for each rule
     that it breaks.

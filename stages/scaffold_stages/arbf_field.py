@@ -16,17 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import CellMesh, Fact, Floats, OuterShape
-from scaffold_pipeline.contract import Unit, stage
+from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
+from scaffold_geometry.fields.mesh_field import MeshField, sampled_field
+from scaffold_geometry.fields.sampling import SamplingParams, Voxels
+from scaffold_pipeline.artifacts import CellMesh, Fact, Floats, OuterShape, ScalarField
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.fields import ScalarField
-from scaffold_stages._fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
-from scaffold_stages._fields.mesh_field import MeshField, sampled_field
-from scaffold_stages._fields.sampling import SamplingParams, Voxels
+from scaffold_pipeline.stages.contract import Unit, stage
 
 if TYPE_CHECKING:
-    from scaffold_stages._kernels.shepard import Bins, Segments
-    from scaffold_stages._kernels.skeleton import Skeleton
+    from scaffold_geometry.fields.shepard import Bins, Segments
+    from scaffold_geometry.fields.skeleton import Skeleton
 
 Distance = Literal["endpoint", "endpoint-to-segment", "exact"]
 
@@ -111,7 +110,7 @@ def arbf_field(
 
 
 def _normalised(skeleton: Skeleton, params: ArbfFieldParams, c: float, executor: Executor | None) -> MeshField:
-    from scaffold_stages._kernels.shepard import segments_of
+    from scaffold_geometry.fields.shepard import segments_of
 
     support = params.support or _SUPPORT
     segments = segments_of(
@@ -132,7 +131,7 @@ def _normalised(skeleton: Skeleton, params: ArbfFieldParams, c: float, executor:
 
 
 def _on_voxels(segments: Segments, voxels: Voxels, support: float, executor: Executor | None) -> NDArray[np.float32]:
-    from scaffold_stages._fields.slabs import filled, in_slabs
+    from scaffold_geometry.fields.slabs import filled, in_slabs
 
     if executor is None:
         values, half_reached = filled(segments, voxels, _BOX)
@@ -144,7 +143,7 @@ def _on_voxels(segments: Segments, voxels: Voxels, support: float, executor: Exe
 
 def _at_points(segments: Segments) -> Callable[..., Floats]:
     """Return the normalised field as a function of points in mm; what no segment can reach is void."""
-    from scaffold_stages._kernels.shepard import bin_segments, field_at
+    from scaffold_geometry.fields.shepard import bin_segments, field_at
 
     starts, ends = segments.starts, segments.starts + segments.steps
     reach = float(np.sqrt(segments.reaches.max()))
@@ -175,7 +174,7 @@ def _require_reached(half_reached: int, inside: int, support: float) -> None:
 
 
 def _exact(skeleton: Skeleton, params: ArbfFieldParams) -> MeshField:
-    from scaffold_stages._kernels import interpolant
+    from scaffold_geometry.fields import interpolant
 
     elements, targets = interpolant.elements_of(skeleton), interpolant.values_of(skeleton)
     if params.solid == "edges":

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.surfaces.triangles import drop_unreferenced, face_pieces, flat_faces, piece_volumes
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface
-from scaffold_pipeline.contract import Millimetres, Params, Share, stage
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.isolation import Arrays, call_in_child
-from scaffold_stages._kernels.triangles import drop_unreferenced, face_pieces, flat_faces, piece_volumes
+from scaffold_pipeline.processes.isolation import Arrays, call_in_child
+from scaffold_pipeline.stages.contract import Millimetres, Params, Share, stage
 
 TIME_LIMIT = 1800.0
 """Seconds; five million triangles take under a minute."""
@@ -82,7 +82,7 @@ def _without_crumbs(porous: IsoSurface, min_piece: float) -> tuple[Ints, dict[st
 
 def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the surface with an edge of each flat triangle collapsed: taking the triangle out would open a hole."""
-    from scaffold_stages._kernels.solids import from_body, simplified, to_body
+    from scaffold_geometry.surfaces.booleans import from_body, simplified, to_body
 
     body = to_body(vertices, faces, "surface to clean")
     if not flat_faces(vertices, faces).any():
@@ -103,7 +103,7 @@ def _smoothed(vertices: Floats, faces: Ints, steps: int) -> Floats:
 
 def _simplified(vertices: Floats, faces: Ints, error: float) -> tuple[Floats, Ints, float]:
     """Return the surface with fewer triangles, and how far the two surfaces lie apart: no more than `error` mm."""
-    from scaffold_stages._kernels.solids import from_body, simplified, to_body
+    from scaffold_geometry.surfaces.booleans import from_body, simplified, to_body
 
     body, allowed = to_body(vertices, faces, "surface to simplify"), _FIRST_SHARE * error
     for _ in range(_SIMPLIFICATIONS):

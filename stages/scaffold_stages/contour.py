@@ -9,13 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import OuterShape, PlanarMesh
-from scaffold_pipeline.contract import Params, Share, Unit, stage
+from scaffold_geometry.planar import regions
+from scaffold_geometry.planar.regions import Region
+from scaffold_pipeline.artifacts import Contour, OuterShape, PlanarMesh, Polygons, ScalarField
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.fields import ScalarField
-from scaffold_pipeline.polygons import Contour, Polygons
-from scaffold_stages._kernels import sections
-from scaffold_stages._kernels.sections import Region
+from scaffold_pipeline.stages.contract import Params, Share, Unit, stage
 
 TOLERANCE = 1e-3
 """How near the contour's porosity must come before the user is warned: a fifth of what the plate may be off."""
@@ -52,9 +50,9 @@ def contour(field: ScalarField, mesh: PlanarMesh, outer: OuterShape | None = Non
     tells which there are.
     """
     _require_planar(field, mesh)
-    outline = sections.outline_of(mesh.vertices, mesh.cells)
+    outline = regions.outline_of(mesh.vertices, mesh.cells)
     if outer is not None:
-        outline ^= sections.section_at(outer.vertices, outer.faces, mesh.z)
+        outline ^= regions.section_at(outer.vertices, outer.faces, mesh.z)
     if outline.is_empty():
         raise StageError(f"nothing of the mesh lies in the section of the outer shape at z = {mesh.z:g} mm; move one")
     search = _Search(field, outline, params.min_piece)
@@ -67,7 +65,7 @@ def contour(field: ScalarField, mesh: PlanarMesh, outer: OuterShape | None = Non
     region = search.solid_at(iso)
     if region.is_empty():
         raise StageError(f"iso {iso:g}: no piece of solid is left within the outline; lower min_piece or iso")
-    solid, whole = (Polygons.of(sections.rings_of(each)) for each in (region, outline))
+    solid, whole = (Polygons.of(regions.rings_of(each)) for each in (region, outline))
     return Contour(solid, whole, mesh.z, iso, params.porosity)
 
 
@@ -89,16 +87,16 @@ class _Search:
         self.values: NDArray[np.float32] = field.values[:, :, 0]
         self.origin, self.spacing, self.outline = field.origin[:2], field.spacing, outline
         self.least_area = min_piece * float(outline.area())
-        pixels = [(ring - self.origin) / self.spacing for ring in sections.rings_of(outline)]
-        samples = self.values[sections.fill(pixels, (self.values.shape[0], self.values.shape[1]))]
+        pixels = [(ring - self.origin) / self.spacing for ring in regions.rings_of(outline)]
+        samples = self.values[regions.fill(pixels, (self.values.shape[0], self.values.shape[1]))]
         if not len(samples) or samples.min() == samples.max():
             raise StageError("the field is the same everywhere within the outline: it has no contour")
         self.least, self.greatest = float(samples.min()), float(samples.max())
 
     def solid_at(self, iso: float) -> Region:
         """Return what is solid at an iso, cut to the outline, without small pieces."""
-        whole = sections.region_above(self.values, iso, self.origin, self.spacing) ^ self.outline
-        return sections.without_small(whole, self.least_area) if self.least_area else whole
+        whole = regions.region_above(self.values, iso, self.origin, self.spacing) ^ self.outline
+        return regions.without_small(whole, self.least_area) if self.least_area else whole
 
     def porosity_at(self, iso: float) -> float:
         """Return the share of the outline's area that is not solid at an iso."""

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from scaffold_geometry.drawing.renders import draw_in_child, draw_segments
+from scaffold_geometry.fields.skeleton import skeleton_of
 from scaffold_pipeline.artifacts import CellMesh, WrittenFiles
-from scaffold_pipeline.contract import Params, stage
-from scaffold_stages._kernels.picture import draw_in_child, draw_segments
-from scaffold_stages._kernels.skeleton import skeleton_of
+from scaffold_pipeline.stages.contract import Params, stage
 
 
 class DrawMeshParams(Params):

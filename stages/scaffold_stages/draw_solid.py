@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, SurfaceMesh, WrittenFiles
-from scaffold_pipeline.contract import Params, Share, Unit, stage
+from scaffold_geometry.drawing.sections import AXES, nearest_values, section_svg, sections, simplified
+from scaffold_pipeline.artifacts import Fact, Metrics, OuterShape, Solid, SurfaceMesh, WrittenFiles
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.isolation import call_in_child
-from scaffold_pipeline.measurements import Metrics
-from scaffold_stages._kernels.drawing import AXES, nearest_values, section_svg, sections, simplified
+from scaffold_pipeline.processes.isolation import call_in_child
+from scaffold_pipeline.stages.contract import Params, Share, Unit, stage
 
 Arrays: TypeAlias = dict[str, NDArray[np.generic]]
 

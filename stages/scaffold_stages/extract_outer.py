@@ -7,14 +7,14 @@ from typing import Literal
 
 import numpy as np
 
+from scaffold_geometry.surfaces import self_intersections, triangles
+from scaffold_geometry.surfaces.repair import vertex_splitting
+from scaffold_geometry.volumes import cells, lattices
+from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
-from scaffold_pipeline.contract import Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.isolation import call_in_child
-from scaffold_stages._kernels import triangles
-from scaffold_stages._surfaces import crossings
-from scaffold_stages._volumes import cells, lattices, touching
-from scaffold_stages._volumes.boundary import boundary_triangles
+from scaffold_pipeline.processes.isolation import call_in_child
+from scaffold_pipeline.stages.contract import Params, stage
 
 _REPAIR = "mend the mesh where it was made, or load its surface with load_surface and use tetrahedralise"
 _BENT = 1e-6
@@ -100,7 +100,7 @@ def _parted(
             f"`touching: part` to move it apart there, or {_REPAIR}"
         )
     try:
-        parted = touching.parted(vertices, surface)
+        parted = vertex_splitting.parted(vertices, surface)
     except StageError as error:
         raise StageError(f"mesh: {error}; {_REPAIR}") from error
     said = (
@@ -119,7 +119,7 @@ def _parted(
 
 def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
     found = call_in_child(
-        crossings.crossing_faces,
+        self_intersections.crossing_faces,
         {"vertices": vertices, "faces": surface},
         {},
         seconds=60.0 + len(surface) / 5_000,  # exact arithmetic; millions of sound triangles take seconds

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Fact, Floats, Solid
-from scaffold_pipeline.contract import Millimetres, Params, stage
-from scaffold_pipeline.polygons import Contour
+from scaffold_pipeline.artifacts import Contour, Fact, Floats, Solid
+from scaffold_pipeline.stages.contract import Millimetres, Params, stage
 
 
 class ExtrudeParams(Params):
@@ -25,10 +24,10 @@ def extrude(contour: Contour, *, params: ExtrudeParams) -> Solid:
 
     All its pieces are kept. Raises `StageError` where it has details finer than single precision holds.
     """
-    from scaffold_stages._kernels import sections
-    from scaffold_stages._kernels.rounding import in_single_precision
+    from scaffold_geometry.planar import regions
+    from scaffold_geometry.surfaces.float32 import in_single_precision
 
-    surface = sections.prism(contour.solid.rings, contour.z, contour.z + params.height)
+    surface = regions.prism(contour.solid.rings, contour.z, contour.z + params.height)
     rounded = in_single_precision(*surface, "plate")
     facts: dict[str, Fact] = {"height_mm": params.height, "pieces": contour.pieces, "holes": contour.holes}
     return Solid(rounded.vertices, rounded.faces, params.height * _pore_areas(contour), facts)
@@ -36,7 +35,7 @@ def extrude(contour: Contour, *, params: ExtrudeParams) -> Solid:
 
 def _pore_areas(contour: Contour) -> Floats:
     """Return the area of each connected pore within the outline, greatest first, mm^2."""
-    from scaffold_stages._kernels.sections import pieces_of, to_region
+    from scaffold_geometry.planar.regions import pieces_of, to_region
 
     pores = to_region(contour.outline.rings) - to_region(contour.solid.rings)
     return np.array(sorted((piece.area() for piece in pieces_of(pores)), reverse=True))

@@ -9,15 +9,16 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.volumes import cells, lattices
+from scaffold_geometry.volumes.boundary import boundary_triangles
+from scaffold_geometry.volumes.hexahedra import fitting
+from scaffold_geometry.volumes.hexahedra.overlaps import cubes_met
+from scaffold_geometry.voxels.grids import grid_over
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
-from scaffold_pipeline.contract import Millimetres, Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.memory import available_memory
-from scaffold_stages._kernels import triangles
-from scaffold_stages._kernels.grids import grid_over
-from scaffold_stages._volumes import cells, fitting, lattices
-from scaffold_stages._volumes.boundary import boundary_triangles
-from scaffold_stages._volumes.overlaps import cubes_met
+from scaffold_pipeline.processes.memory import available_memory
+from scaffold_pipeline.stages.contract import Millimetres, Params, stage
 
 _BYTES_PER_CUBE, _BYTES_PER_CELL = 80, 2000
 """Memory for a cube of the shape's box and for a cell of the mesh (28,000 cells of a heel bone took 1,230 a cell)."""
@@ -108,7 +109,7 @@ def _facts(outer: OuterShape, vertices: Floats, hexahedra: Ints) -> dict[str, Fa
 
 def _fit(outer: OuterShape, vertices: Floats, hexahedra: Ints, inner: int, size: float) -> dict[str, Fact]:
     """Return how square the cells are, how near their boundary comes to the surface, and this to it."""
-    from scaffold_stages._kernels.hexahedra import least_jacobians
+    from scaffold_geometry.volumes.hexahedra.quality import least_jacobians
 
     quality = least_jacobians(vertices, hexahedra)
     boundary = vertices[inner:]

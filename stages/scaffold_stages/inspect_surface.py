@@ -6,14 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from scaffold_pipeline.artifacts import Fact
-from scaffold_pipeline.contract import InputFile, Params, stage
+from scaffold_geometry.files import surfaces
+from scaffold_geometry.surfaces import self_intersections, triangles
+from scaffold_geometry.surfaces.triangles import Floats, Ints
+from scaffold_pipeline.artifacts import Fact, Metrics
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.isolation import call_in_child
-from scaffold_pipeline.measurements import Metrics
-from scaffold_stages._kernels import surface_files, triangles
-from scaffold_stages._kernels.triangles import Floats, Ints
-from scaffold_stages._surfaces import crossings
+from scaffold_pipeline.processes.isolation import call_in_child
+from scaffold_pipeline.stages.contract import InputFile, Params, stage
 
 _SEARCH_SECONDS = 60.0
 """For the search for self-intersections: exact; a million triangles take seconds, a tangle may take longer."""
@@ -36,9 +35,9 @@ def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
     Vertices at exactly the same place count as one. What is not defined is None: the volume of a surface
     that is open or not consistently wound, its genus, self-intersections where the search did not end.
     """
-    content = surface_files.read_surface(params.path)
+    content = surfaces.read_surface(params.path)
     unit = params.units or content.unit
-    scale = surface_files.MILLIMETRES.get(unit or "mm")
+    scale = surfaces.MILLIMETRES.get(unit or "mm")
     if scale is None:
         raise StageError(f"{params.path.name}: the unit {unit!r} is not known; set `units` to mm, cm, m or inch")
     vertices, faces = triangles.merge_coincident(content.vertices * scale, content.faces)
@@ -102,7 +101,7 @@ def _topology(vertices: Floats, faces: Ints) -> dict[str, Fact]:
 def _intersections(vertices: Floats, faces: Ints, name: str) -> dict[str, Fact]:
     try:
         found = call_in_child(
-            crossings.crossing_faces,
+            self_intersections.crossing_faces,
             {"vertices": vertices, "faces": faces[~triangles.flat_faces(vertices, faces)]},
             {},
             seconds=_SEARCH_SECONDS,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pydantic import Field
 
 from scaffold_pipeline.artifacts import Fact, IsoSurface, OuterShape, Solid
-from scaffold_pipeline.contract import Millimetres, Params, Share, stage
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.stages.contract import Millimetres, Params, Share, stage
 
 
 class IntersectOuterParams(Params):
@@ -29,24 +29,24 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
     The outer surface of the solid lies on the outer shape's own facets. Raises `StageError` where either surface is
     not a closed manifold, the skin leaves no pore, or nothing remains.
     """
-    from scaffold_stages._kernels import solids
-    from scaffold_stages._kernels.rounding import in_single_precision
+    from scaffold_geometry.surfaces import booleans
+    from scaffold_geometry.surfaces.float32 import in_single_precision
 
     _require_counted(porous, params.skin)
-    shape = solids.to_body(outer.vertices, outer.faces, "outer shape")
-    core = solids.core_under(outer.vertices, outer.faces, params.skin)
-    solid, void = solids.clipped(solids.to_body(porous.vertices, porous.faces, "porous surface"), shape, core)
+    shape = booleans.to_body(outer.vertices, outer.faces, "outer shape")
+    core = booleans.core_under(outer.vertices, outer.faces, params.skin)
+    solid, void = booleans.clipped(booleans.to_body(porous.vertices, porous.faces, "porous surface"), shape, core)
     if solid.is_empty():
         raise StageError("nothing remains inside the outer shape; lower porosity or iso")
-    shells = solids.shells_of(solid)
+    shells = booleans.shells_of(solid)
     smallest_kept = 1.0 if params.fill else params.min_closed_pore
-    kept = solids.main_piece(shells, smallest_kept * (shape.volume() - solid.volume()))
-    pores = solids.pore_volumes(solids.shells_of(void), kept, shape.volume())
+    kept = booleans.main_piece(shells, smallest_kept * (shape.volume() - solid.volume()))
+    pores = booleans.pore_volumes(booleans.shells_of(void), kept, shape.volume())
     surface = outer.vertices, outer.faces
     rounded = in_single_precision(*shells.mesh_of(kept.is_kept), "clipped solid")
     facts: dict[str, Fact] = {
         "rounding_distance_mm": rounded.moved,
-        "clip_distance_mm": solids.distance_from(shape, solid, kept.is_kept[shells.numbers], surface),
+        "clip_distance_mm": booleans.distance_from(shape, solid, kept.is_kept[shells.numbers], surface),
         "pieces_removed": len(kept.floating),
         "volume_removed_mm3": float(kept.floating.sum() - kept.foreign.sum()),
         "closed_pores": kept.closed_pores,

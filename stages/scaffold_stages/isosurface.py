@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface, OuterShape
-from scaffold_pipeline.contract import Follows, Millimetres, Params, Share, Unit, stage
+from scaffold_geometry.voxels.grids import samples_inside
+from scaffold_geometry.voxels.iso_surface import iso_surface
+from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface, OuterShape, ScalarField
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.fields import ScalarField
-from scaffold_stages._kernels.contours import iso_surface
-from scaffold_stages._kernels.grids import samples_inside
+from scaffold_pipeline.stages.contract import Follows, Millimetres, Params, Share, Unit, stage
 
 TOLERANCE = 1e-3
 """How near the clipped solid's porosity must come: a fifth of what the written file may be off."""
@@ -96,7 +95,7 @@ class _Search:
     def __init__(
         self, field: ScalarField, outer: OuterShape, samples: NDArray[np.float32], params: IsosurfaceParams
     ) -> None:
-        from scaffold_stages._kernels.solids import core_under, to_body
+        from scaffold_geometry.surfaces.booleans import core_under, to_body
 
         self.field, self.last = field, samples[-1]
         self.isos, self.shares = _quantiles(samples)
@@ -108,7 +107,7 @@ class _Search:
 
     def at(self, share: float) -> _Trial:
         """Try an iso: clip its surface and measure what `intersect_outer` will keep of it."""
-        from scaffold_stages._kernels.solids import clipped, main_piece, shells_of, to_body
+        from scaffold_geometry.surfaces.booleans import clipped, main_piece, shells_of, to_body
 
         below_last = np.nextafter(self.last, -np.inf, dtype=np.float32)  # some sample stays above it
         iso = min(float(np.interp(share, self.shares, self.isos)), float(below_last))

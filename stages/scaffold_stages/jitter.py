@@ -8,10 +8,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.volumes.jitter import Mask, random_steps, sound_move
 from scaffold_pipeline.artifacts import Floats, Ints, VolumeMesh
-from scaffold_pipeline.cell_types import CELL_TYPES
-from scaffold_pipeline.contract import Params, Unit, stage
-from scaffold_stages._kernels.moving import Mask, random_steps, sound_move
+from scaffold_pipeline.artifacts.cells import CELL_TYPES
+from scaffold_pipeline.stages.contract import Params, Unit, stage
 
 _PULLS = 6
 """Halvings of a step along the boundary that comes out longer than allowed, before it is given up."""

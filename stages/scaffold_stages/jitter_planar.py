@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.volumes.jitter import random_steps, sound_move
 from scaffold_pipeline.artifacts import Floats, PlanarMesh
-from scaffold_pipeline.cell_types import distinct_rows, faces_of_cells
-from scaffold_pipeline.contract import Params, Unit, stage
-from scaffold_stages._kernels.moving import random_steps, sound_move
+from scaffold_pipeline.artifacts.cells import distinct_rows, faces_of_cells
+from scaffold_pipeline.stages.contract import Params, Unit, stage
 
 _STRAIGHT = 1e-9
 """Sine of the greatest angle at which two edges of the outline are one straight line, but for rounding."""

@@ -9,20 +9,21 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.files import surfaces
+from scaffold_geometry.files.inputs import warn_of_odd_size
+from scaffold_geometry.surfaces import self_intersections, triangles
+from scaffold_geometry.surfaces.repair import displacement, mend, modes
+from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TURNED, TWICE, Account, Deed
 from scaffold_pipeline.artifacts import OuterShape
-from scaffold_pipeline.contract import InputFile, Millimetres, Params, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.isolation import call_in_child
-from scaffold_stages._kernels import surface_files, triangles
-from scaffold_stages._kernels.input_files import warn_of_odd_size
-from scaffold_stages._surfaces import comparison, crossings, mending, repair
-from scaffold_stages._surfaces.account import DOUBLE, MERGED, TURNED, TWICE, Account, Deed
+from scaffold_pipeline.processes.isolation import call_in_child
+from scaffold_pipeline.stages.contract import InputFile, Millimetres, Params, stage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from scaffold_stages._kernels.surface_files import SurfaceFile
-    from scaffold_stages._surfaces.edges import Floats, Ints, Surface
+    from scaffold_geometry.files.surfaces import SurfaceFile
+    from scaffold_geometry.surfaces.edges import Floats, Ints, Surface
 
 _BY_HAND = "mend it, for instance in MeshLab or Blender, and load it again"
 _REMEDIES = {
@@ -78,7 +79,7 @@ def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     `tolerance`, and of a surface that still is open, non-manifold, one-sided, flat or passes through itself.
     """
     name = params.path.name
-    content = surface_files.read_surface(params.path)
+    content = surfaces.read_surface(params.path)
     scale, unit_note = _scale_to_mm(content, params.units, name)
     account = Account([*content.notes, unit_note], measures={"mode": params.repair})
     read = content.vertices * scale, content.faces
@@ -104,8 +105,8 @@ def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
 
 def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[float, str]:
     """Return the mm of one file unit, and a note of where the unit is from."""
-    known = surface_files.MILLIMETRES
-    size = surface_files.size_in_words(content.vertices, content.faces)
+    known = surfaces.MILLIMETRES
+    size = surfaces.size_in_words(content.vertices, content.faces)
     if units is None and content.unit not in known:
         raise StageError(
             f"{name}: the file does not say its unit; set `units` to mm, cm, m or inch "
@@ -143,7 +144,7 @@ def _without(faces: Ints, bad: NDArray[np.bool_], deed: Deed, account: Account) 
 def _merged(vertices: Floats, faces: Ints, account: Account) -> Surface:
     """Give the surface one vertex for each place."""
     done = Counter[Deed]()
-    vertices, faces = mending.merged(vertices, faces, done)
+    vertices, faces = mend.merged(vertices, faces, done)
     account.count_all(done)
     return vertices, faces
 
@@ -151,9 +152,9 @@ def _merged(vertices: Floats, faces: Ints, account: Account) -> Surface:
 def _repaired(vertices: Floats, faces: Ints, params: LoadSurfaceParams, account: Account) -> Surface:
     """Mend or rebuild a surface."""
     if params.repair == "safe":
-        found = repair.safe(vertices, faces)
+        found = modes.safe(vertices, faces)
     else:
-        found = repair.rebuilt(vertices, faces, _tolerance(params, vertices), params.path.name)
+        found = modes.rebuilt(vertices, faces, _tolerance(params, vertices), params.path.name)
     account.add(found.account)
     return found.vertices, found.faces
 
@@ -166,7 +167,7 @@ def _tolerance(params: LoadSurfaceParams, vertices: Floats) -> float:
 def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurfaceParams, account: Account) -> None:
     """Note what the repair did in numbers, and refuse it where it moved the surface too far."""
     allowed = _tolerance(params, kept[0])
-    moved = comparison.moved(read, whole, kept, allowed / _SAMPLES)
+    moved = displacement.moved(read, whole, kept, allowed / _SAMPLES)
     name, farthest = params.path.name, max(moved.lost, moved.gained, key=lambda side: side.distance)
     (volume, area), (new_volume, new_area) = (_volume_and_area(*surface) for surface in (read, whole))
     account.measures.update(
@@ -323,7 +324,7 @@ def _require_volume(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSur
     if flat:
         raise StageError(
             f"{params.path.name}: encloses no volume: {flat} of {len(volumes)} pieces are flat "
-            f"({surface_files.size_in_words(vertices, faces)} mm); load a surface that bounds a body"
+            f"({surfaces.size_in_words(vertices, faces)} mm); load a surface that bounds a body"
         )
 
 
@@ -331,7 +332,7 @@ def _require_no_crossing(vertices: Floats, faces: Ints, params: LoadSurfaceParam
     """Refuse a surface that passes through itself or lies upon itself."""
     name, remedy = params.path.name, _REMEDIES[params.repair]
     found = call_in_child(
-        crossings.crossing_faces,
+        self_intersections.crossing_faces,
         {"vertices": vertices, "faces": faces},
         {},
         seconds=60.0 + len(faces) / 5_000,  # exact arithmetic; millions of sound triangles take seconds

@@ -8,15 +8,15 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.files.inputs import warn_of_odd_size
+from scaffold_geometry.files.surfaces import MILLIMETRES
+from scaffold_geometry.files.volumes.reading import VolumeFile, read_volume
+from scaffold_geometry.volumes import boundary, cells
+from scaffold_geometry.volumes.cells import Cells, Faces, Mask
 from scaffold_pipeline.artifacts import Fact, Floats, VolumeMesh
-from scaffold_pipeline.cell_types import CELL_TYPES
-from scaffold_pipeline.contract import InputFile, Params, Unit, stage
+from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_stages._kernels.input_files import warn_of_odd_size
-from scaffold_stages._kernels.surface_files import MILLIMETRES
-from scaffold_stages._volumes import boundary, cells
-from scaffold_stages._volumes.cells import Cells, Faces, Mask
-from scaffold_stages._volumes.reading import VolumeFile, read_volume
+from scaffold_pipeline.stages.contract import InputFile, Params, Unit, stage
 
 _REPAIR = "mend the mesh where it was made, or load its surface and use tetrahedralise"
 _FARTHEST = 1e9

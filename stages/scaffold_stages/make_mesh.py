@@ -7,10 +7,10 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
+from scaffold_geometry.surfaces.polyhedra import icosahedron
+from scaffold_geometry.volumes import lattices
 from scaffold_pipeline.artifacts import Floats, Ints, VolumeMesh
-from scaffold_pipeline.contract import Params, Unit, stage
-from scaffold_stages._kernels.polyhedra import icosahedron
-from scaffold_stages._volumes import lattices
+from scaffold_pipeline.stages.contract import Params, Unit, stage
 
 Cells: TypeAlias = tuple[Floats, Ints]
 Counts: TypeAlias = tuple[int, int, int]

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from scaffold_pipeline.artifacts import Floats, Ints, PlanarMesh
-from scaffold_pipeline.contract import Millimetres, Params, Unit, stage
+from scaffold_pipeline.stages.contract import Millimetres, Params, Unit, stage
 
 Tile = tuple[int, int, int]
 Count = Annotated[int, Field(ge=1, le=1000)]

@@ -9,18 +9,26 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Fact, Floats, IsoSurface, OuterShape, Solid, SurfaceMesh, VolumeMesh
-from scaffold_pipeline.contract import Millimetres, Unit, stage
+from scaffold_geometry.measures.facts import connectivity_facts, surface_facts, to_place, transport_facts
+from scaffold_geometry.measures.gates import GateParams, failed_gates, gates_not_applied, to_number
+from scaffold_geometry.measures.printability.rules import PrintRules
+from scaffold_pipeline.artifacts import (
+    Fact,
+    Floats,
+    IsoSurface,
+    Metrics,
+    OuterShape,
+    ScalarField,
+    Solid,
+    SurfaceMesh,
+    VolumeMesh,
+)
 from scaffold_pipeline.errors import PipelineWarning
-from scaffold_pipeline.fields import ScalarField
-from scaffold_pipeline.measurements import Metrics
-from scaffold_stages._measures.facts import connectivity_facts, surface_facts, to_place, transport_facts
-from scaffold_stages._measures.gates import GateParams, failed_gates, gates_not_applied, to_number
-from scaffold_stages._measures.printability.rules import PrintRules
+from scaffold_pipeline.stages.contract import Millimetres, Unit, stage
 
 if TYPE_CHECKING:
-    from scaffold_stages._measures.morphometry import Morphometry
-    from scaffold_stages._measures.printability.verdict import Printability
+    from scaffold_geometry.measures.morphometry import Morphometry
+    from scaffold_geometry.measures.printability.verdict import Printability
 
 _ON_OUTER = 1e-3
 """A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""
@@ -65,9 +73,9 @@ def measure(
     `write_solid` writes the same bytes, wherever it stands in the config. A field without certificate, or a config
     without mesh, leaves the gates that need them out; `gates_not_applied` names these.
     """
-    from scaffold_stages._kernels.shells import shell_facts
-    from scaffold_stages._kernels.stl import from_stl, to_stl
-    from scaffold_stages._measures.printability.verdict import lint
+    from scaffold_geometry.files.stl import from_stl, to_stl
+    from scaffold_geometry.measures.printability.verdict import lint
+    from scaffold_geometry.surfaces.shells import shell_facts
 
     file = SurfaceMesh(*from_stl(to_stl(solid.vertices, solid.faces, "measured")))
     mesh = mesh if field.certificate else None  # a field without one is not made of a mesh
@@ -118,7 +126,7 @@ def _morphometry(
     file: SurfaceMesh, outer: OuterShape, spacing: float, params: MeasureParams, at: Floats
 ) -> Morphometry:
     """Measure struts and pores on voxels, finer than the field's `spacing`, mm, and diffusion where asked for."""
-    from scaffold_stages._measures.morphometry import morphometry, usual_spacing
+    from scaffold_geometry.measures.morphometry import morphometry, usual_spacing
 
     given = params.voxel_size
     used = given or usual_spacing(outer, spacing)
@@ -166,8 +174,8 @@ def _thickness_facts(
     file: SurfaceMesh, outer: OuterShape, mesh: VolumeMesh, on_outer: float, skin: float
 ) -> dict[str, Fact]:
     """Measure the struts and channels of the mesh in the file itself, which the certificate cannot see."""
-    from scaffold_stages._kernels.skeleton import skeleton_of
-    from scaffold_stages._kernels.thickness import narrowest_throat, thinnest_strut
+    from scaffold_geometry.fields.skeleton import skeleton_of
+    from scaffold_geometry.measures.struts_and_throats import narrowest_throat, thinnest_strut
 
     skeleton = skeleton_of(mesh.vertices, mesh.cells)
     solid, shape = (file.vertices, file.faces), (outer.vertices, outer.faces)

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Fact, OuterShape
-from scaffold_pipeline.contract import Params, Share, Unit, stage
+from scaffold_geometry.voxels.grids import Bools, samples_inside
+from scaffold_pipeline.artifacts import Certificate, Fact, Metrics, OuterShape, ScalarField
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import Certificate, ScalarField
-from scaffold_pipeline.measurements import Metrics
-from scaffold_stages._kernels.grids import Bools, samples_inside
+from scaffold_pipeline.stages.contract import Params, Share, Unit, stage
 
 
 class MeasureFieldParams(Params):

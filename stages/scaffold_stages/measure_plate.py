@@ -7,12 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Fact, PlanarMesh, Solid, SurfaceMesh
-from scaffold_pipeline.contract import Params, Share, stage
-from scaffold_pipeline.fields import Certificate, ScalarField
-from scaffold_pipeline.measurements import Metrics
-from scaffold_pipeline.polygons import Contour
-from scaffold_stages._measures.gates import to_number
+from scaffold_geometry.measures.gates import to_number
+from scaffold_pipeline.artifacts import Certificate, Contour, Fact, Metrics, PlanarMesh, ScalarField, Solid, SurfaceMesh
+from scaffold_pipeline.stages.contract import Params, Share, stage
 
 
 class MeasurePlateParams(Params):
@@ -43,8 +40,8 @@ def measure_plate(
     Its porosity is 1 - (its volume) / (area within the contour's outline x its height). Pores need not hang together:
     between whole struts each is a hole of its own.
     """
-    from scaffold_stages._kernels.shells import shell_facts
-    from scaffold_stages._kernels.stl import from_stl, to_stl
+    from scaffold_geometry.files.stl import from_stl, to_stl
+    from scaffold_geometry.surfaces.shells import shell_facts
 
     vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))
     file, size = SurfaceMesh(vertices, faces), np.ptp(vertices, axis=0)

@@ -7,11 +7,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from scaffold_geometry.files.solids.finite_elements import WRITERS, require_read_back
+from scaffold_geometry.volumes.tetrahedra import mesh_of
 from scaffold_pipeline.artifacts import Solid, VolumeMesh
-from scaffold_pipeline.contract import EachOnce, Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._solid_files.mesh_files import WRITERS, require_read_back
-from scaffold_stages._solid_files.tetrahedra import mesh_of
+from scaffold_pipeline.stages.contract import EachOnce, Millimetres, Params, Unit, stage
 
 _KEPT = (
     "the solid is stored all the same: without mesh_solid in the config, the same command writes its files and does "

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import CellMesh, OuterShape
-from scaffold_pipeline.contract import Unit, stage
-from scaffold_pipeline.fields import ScalarField
-from scaffold_stages._fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
-from scaffold_stages._fields.mesh_field import MeshField, sampled_field
-from scaffold_stages._fields.sampling import SamplingParams
+from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
+from scaffold_geometry.fields.mesh_field import MeshField, sampled_field
+from scaffold_geometry.fields.sampling import SamplingParams
+from scaffold_pipeline.artifacts import CellMesh, OuterShape, ScalarField
+from scaffold_pipeline.stages.contract import Unit, stage
 
 if TYPE_CHECKING:
-    from scaffold_stages._kernels.skeleton import Skeleton
+    from scaffold_geometry.fields.skeleton import Skeleton
 
 
 class RbfFieldParams(SamplingParams):
@@ -50,7 +49,7 @@ def rbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: RbfFie
 
 
 def _on_points(skeleton: Skeleton, params: RbfFieldParams) -> MeshField:
-    from scaffold_stages._kernels.interpolant import points_of, values_of
+    from scaffold_geometry.fields.interpolant import points_of, values_of
 
     elements = points_of(skeleton)
     method = Method("rbf", "arbf_field", params.basis, DEFAULT_C if params.c is None else params.c)

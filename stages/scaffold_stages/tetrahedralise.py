@@ -11,11 +11,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
+from scaffold_geometry.volumes.ftetwild import run_ftetwild
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
-from scaffold_pipeline.contract import Millimetres, Params, Unit, stage
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.isolation import call_in_child
-from scaffold_stages._volumes.ftetwild import run_ftetwild
+from scaffold_pipeline.processes.isolation import call_in_child
+from scaffold_pipeline.stages.contract import Millimetres, Params, Unit, stage
 
 TOLERANCE = 0.15
 """How far the mean edge, or the number of cells, may be from what was asked for."""

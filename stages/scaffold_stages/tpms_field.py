@@ -8,12 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Floats, OuterShape
-from scaffold_pipeline.contract import Millimetres, Params, Share, Unit, stage
+from scaffold_geometry.fields.sampling import SamplingParams, Voxels, voxels_over
+from scaffold_geometry.files.points import read_points
+from scaffold_pipeline.artifacts import Floats, OuterShape, ScalarField
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import ScalarField
-from scaffold_stages._fields.sampling import SamplingParams, Voxels, voxels_over
-from scaffold_stages._kernels.point_files import read_points
+from scaffold_pipeline.stages.contract import Millimetres, Params, Share, Unit, stage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -124,7 +123,7 @@ def _require_a_cell(bounds: Floats, cell_size: float) -> None:
 
 def _level(bounds: Floats, params: TpmsFieldParams) -> Level:
     """Return the field as a function of places x, y, z in mm, which broadcast."""
-    from scaffold_stages._kernels import tpms
+    from scaffold_geometry.fields import tpms
 
     surface = tpms.SURFACES[params.surface]
     if params.kind == "sheet":

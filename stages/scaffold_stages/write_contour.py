@@ -11,10 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Fact, Floats, WrittenFiles
-from scaffold_pipeline.contract import EachOnce, Params, Title, Unit, stage
-from scaffold_pipeline.polygons import Contour
-from scaffold_pipeline.store import hash_file
+from scaffold_pipeline.artifacts import Contour, Fact, Floats, WrittenFiles
+from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.stages.contract import EachOnce, Params, Title, Unit, stage
 
 Format = Literal["svg", "png"]
 
@@ -90,8 +89,8 @@ def _length(length: float) -> str:
 
 
 def _png(contour: Contour, params: WriteContourParams) -> bytes:
-    from scaffold_stages._kernels.picture import to_png
-    from scaffold_stages._kernels.sections import fill
+    from scaffold_geometry.drawing.renders import to_png
+    from scaffold_geometry.planar.regions import fill
 
     (left, low), (right, high) = _window(contour).tolist()
     scale = params.pixels / max(right - left, high - low)

@@ -10,11 +10,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Fact, WrittenFiles
-from scaffold_pipeline.contract import EachOnce, InputFile, Params, stage
+from scaffold_pipeline.artifacts import Fact, ScalarField, WrittenFiles
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import ScalarField
-from scaffold_pipeline.store import hash_file
+from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.stages.contract import EachOnce, InputFile, Params, stage
 
 Format = Literal["vti", "nrrd", "npy"]
 

@@ -14,16 +14,16 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.drawing.renders import draw_in_child, draw_surface
+from scaffold_geometry.files.solids.checks import Examiner, promise_of
+from scaffold_geometry.files.solids.formats import FORMATS
+from scaffold_geometry.files.solids.model import Mesh, Model, mesh_of_corners
+from scaffold_geometry.files.solids.pore_space import PoreSpace, pore_space
+from scaffold_geometry.surfaces.merge_corners import to_single
 from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
-from scaffold_pipeline.contract import EachOnce, Params, Title, stage
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.store import hash_file
-from scaffold_stages._kernels.picture import draw_in_child, draw_surface
-from scaffold_stages._kernels.stl import to_single
-from scaffold_stages._solid_files.checks import Examiner, promise_of
-from scaffold_stages._solid_files.formats import FORMATS
-from scaffold_stages._solid_files.model import Mesh, Model, mesh_of_corners
-from scaffold_stages._solid_files.pore_space import PoreSpace, pore_space
+from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.stages.contract import EachOnce, Params, Title, stage
 
 COARSE_STEP = 1e-3
 """Where neighbouring float32 numbers lie at least so far apart, mm, from 8.2 m on, the user is told."""

@@ -22,12 +22,12 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from kernels.oracle import icosahedron
+from scaffold_geometry.fields import interpolant, shepard
+from scaffold_geometry.fields.sampling import voxels_over
+from scaffold_geometry.fields.shepard_grid import TILE, field_on_tiles
+from scaffold_geometry.fields.skeleton import skeleton_of
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
-from scaffold_pipeline.memory import PeakMemory
-from scaffold_stages._fields.sampling import voxels_over
-from scaffold_stages._kernels import interpolant, shepard
-from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
-from scaffold_stages._kernels.skeleton import skeleton_of
+from scaffold_pipeline.processes.memory import PeakMemory
 from scaffold_stages.arbf_field import _NORMALISED_C, ArbfFieldParams, _normalised, arbf_field
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 from scaffold_stages.tetrahedralise import TetrahedraliseParams, tetrahedralise

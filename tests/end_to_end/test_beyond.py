@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from scaffold_pipeline.cli import main
+from scaffold_pipeline.cli.app import main
 
 BLOCK = Path(__file__).parents[2] / "configs" / "beyond" / "block.yaml"
 

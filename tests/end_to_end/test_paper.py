@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from end_to_end.solid_judge import faults_of
+from scaffold_geometry.files.stl import from_stl
 from scaffold_pipeline.artifacts import Solid
-from scaffold_pipeline.cli import main
-from scaffold_pipeline.config import read_draft
-from scaffold_pipeline.plan import make_plan
-from scaffold_stages._kernels.stl import from_stl
+from scaffold_pipeline.cli.app import main
+from scaffold_pipeline.config.draft import read_draft
+from scaffold_pipeline.config.plan import make_plan
 
 PAPER = Path(__file__).parents[2] / "configs" / "paper"
 

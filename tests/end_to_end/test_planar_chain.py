@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from end_to_end.solid_judge import faults_of
-from scaffold_pipeline.cli import main
+from scaffold_pipeline.cli.app import main
 
 PLATE = Path(__file__).parents[2] / "configs" / "plate.yaml"
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from scaffold_pipeline.catalogue import markdown_table
-from scaffold_pipeline.cli import app
+from scaffold_pipeline.cli.app import app
+from scaffold_pipeline.stages.catalogue import markdown_table
 
 README = (Path(__file__).parents[2] / "README.md").read_text()
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from pipeline.test_cluster import needs_dask, scheduler, wait_for_workers, worker
-from scaffold_pipeline.cli import main
-from scaffold_stages._fields import slabs
+from scaffold_geometry.fields import slabs
+from scaffold_pipeline.cli.app import main
 
 CONFIG = """
 name: block

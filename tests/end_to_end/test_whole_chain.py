@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from end_to_end.solid_judge import faults_of
-from scaffold_pipeline.cli import main
+from scaffold_pipeline.cli.app import main
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"

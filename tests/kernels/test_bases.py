@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from kernels.oracle import phi
-from scaffold_stages._kernels.bases import (
+from scaffold_geometry.fields.radial_bases import (
     BASES,
     ROOT_SCALE,
     basis_value,

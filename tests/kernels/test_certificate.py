@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels.certificate import Rings, extremes_of
+from scaffold_geometry.fields.certificate import Rings, extremes_of
 
 STARTS = np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 3.0], [0.0, 0.0, 5.0]])
 ENDS = np.array([[4.0, 0.0, 0.0], [1.0, 2.0, 7.0], [0.0, 3.0, 1.0]])

@@ -6,8 +6,10 @@ import igl
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels import contours, triangles
-from scaffold_stages._kernels.contours import inward_offset, iso_surface
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.voxels import offset
+from scaffold_geometry.voxels.iso_surface import iso_surface
+from scaffold_geometry.voxels.offset import inward_offset
 from shapes import ball, box, require_closed, samples_over, volume_of
 
 ORIGIN = np.array([1.0, -2.0, 30.0])
@@ -143,8 +145,8 @@ def test_the_inward_offset_of_a_box_is_a_smaller_box():
 
 
 def test_an_offset_of_less_than_a_voxel_lies_as_deep_as_asked(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(contours, "_FINEST", 60.0)
-    monkeypatch.setattr(contours, "_COARSEST", 50.0)
+    monkeypatch.setattr(offset, "_FINEST", 60.0)
+    monkeypatch.setattr(offset, "_COARSEST", 50.0)
     shape = ball(5.0, divisions=5)  # samples 0.29 apart
     vertices, _ = inward_offset(*shape, 0.05)
     assert np.linalg.norm(vertices, axis=1) == pytest.approx(4.95, abs=0.01)

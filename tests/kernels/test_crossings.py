@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from igl.copyleft import cgal
 
-from scaffold_stages._kernels.crossings import _side, _turn, arealess_faces, crossing_faces
+from scaffold_geometry.surfaces.triangle_intersections import _side, _turn, arealess_faces, crossing_faces
 
 BALL = trimesh.creation.icosphere(4)
 VERTICES, FACES = np.asarray(BALL.vertices), np.asarray(BALL.faces)

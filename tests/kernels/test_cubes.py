@@ -7,11 +7,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels import triangles
-from scaffold_stages._volumes import cores, lattices
-from scaffold_stages._volumes.boundary import boundary_triangles
-from scaffold_stages._volumes.cells import faces
-from scaffold_stages._volumes.overlaps import cubes_met
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.volumes import lattices
+from scaffold_geometry.volumes.boundary import boundary_triangles
+from scaffold_geometry.volumes.cells import faces
+from scaffold_geometry.volumes.hexahedra import cores
+from scaffold_geometry.volumes.hexahedra.overlaps import cubes_met
 from shapes import ball, box
 
 ORIGIN = np.zeros(3)
@@ -53,7 +54,7 @@ def test_a_plate_thinner_than_a_cube_meets_all_along_it():
 def test_large_triangles_are_looked_at_in_parts(monkeypatch: pytest.MonkeyPatch):
     surface = ball(3.0, (4.0, 4.0, 4.0), divisions=2)
     whole = cubes_met(*surface, ORIGIN, 0.5, (16, 16, 16))
-    monkeypatch.setattr("scaffold_stages._volumes.overlaps._MOST_PAIRS", 50)
+    monkeypatch.setattr("scaffold_geometry.volumes.hexahedra.overlaps._MOST_PAIRS", 50)
     np.testing.assert_array_equal(cubes_met(*surface, ORIGIN, 0.5, (16, 16, 16)), whole)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kernels.oracle import searched, to_segment
-from scaffold_stages._kernels.distances import (
+from scaffold_geometry.fields.segment_distances import (
     READINGS,
     frames_of,
     squared_endpoint,

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import shapes
-from scaffold_stages._kernels import facets, triangles
+from scaffold_geometry.measures.printability import facets
+from scaffold_geometry.surfaces import triangles
 
 UP = np.array([0.0, 0.0, 1.0])
 VERTICES, FACES = shapes.ball(2.0, (3.0, -1.0, 40.0), divisions=2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels.grids import grid_over, grown, samples_inside
+from scaffold_geometry.voxels.grids import grid_over, grown, samples_inside
 from shapes import ball, box
 
 LOW, HIGH = (1.0, -2.0, 10.0), (4.0, 3.0, 18.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from kernels.oracle import HEXAHEDRON, Floats, Ints
-from scaffold_stages._kernels.hexahedra import least_jacobians, sweep
+from scaffold_geometry.volumes.hexahedra.quality import least_jacobians, sweep
 from shapes import hexahedra
 
 ONE = np.arange(8).reshape(1, 8)

@@ -26,9 +26,7 @@ from kernels.oracle import (
     one_hexahedron,
     one_tetrahedron,
 )
-from scaffold_stages._kernels.bases import BASES
-from scaffold_stages._kernels.distances import READINGS
-from scaffold_stages._kernels.interpolant import (
+from scaffold_geometry.fields.interpolant import (
     Elements,
     Solution,
     assemble,
@@ -39,7 +37,9 @@ from scaffold_stages._kernels.interpolant import (
     solve,
     values_of,
 )
-from scaffold_stages._kernels.skeleton import skeleton_of
+from scaffold_geometry.fields.radial_bases import BASES
+from scaffold_geometry.fields.segment_distances import READINGS
+from scaffold_geometry.fields.skeleton import skeleton_of
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -280,9 +280,9 @@ def test_memory_needed_is_what_is_used(c: float):
 INTERPRETED = """
 import sys
 import numpy as np
-from scaffold_stages._kernels.bases import BASES
-from scaffold_stages._kernels.distances import READINGS
-from scaffold_stages._kernels.interpolant import Elements, assemble, evaluate
+from scaffold_geometry.fields.radial_bases import BASES
+from scaffold_geometry.fields.segment_distances import READINGS
+from scaffold_geometry.fields.interpolant import Elements, assemble, evaluate
 box = np.load(sys.argv[1])
 elements = Elements(box["points"], box["starts"], box["ends"])
 matrices = [assemble(elements, basis, reading, 0.1) for basis in BASES for reading in READINGS]

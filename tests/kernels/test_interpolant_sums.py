@@ -10,8 +10,7 @@ import pytest
 
 from kernels import oracle
 from kernels.oracle import REFERENCE_MESHES, Floats, one_tetrahedron, phi, to_segment
-from scaffold_stages._kernels.bases import BASES
-from scaffold_stages._kernels.interpolant import (
+from scaffold_geometry.fields.interpolant import (
     Elements,
     assemble,
     elements_of,
@@ -20,8 +19,9 @@ from scaffold_stages._kernels.interpolant import (
     solve,
     values_of,
 )
-from scaffold_stages._kernels.interpolant_sums import LANES
-from scaffold_stages._kernels.skeleton import skeleton_of
+from scaffold_geometry.fields.interpolant_sums import LANES
+from scaffold_geometry.fields.radial_bases import BASES
+from scaffold_geometry.fields.skeleton import skeleton_of
 
 IMQ, C = "inverse_multiquadric", 0.1
 MESHES = {**REFERENCE_MESHES, "one_tetrahedron": one_tetrahedron}

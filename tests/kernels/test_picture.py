@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scaffold_pipeline.isolation import call_in_child
-from scaffold_stages._kernels.picture import draw_surface, frame, round_length
+from scaffold_geometry.drawing.renders import draw_surface, frame, round_length
+from scaffold_pipeline.processes.isolation import call_in_child
 
 WINDOW = "vtkEGLRenderWindow" if sys.platform == "linux" else ""
 PROBE = """

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
+from scaffold_geometry.surfaces.booleans import to_body
+from scaffold_geometry.surfaces.float32 import in_single_precision
+from scaffold_geometry.surfaces.triangle_intersections import arealess_faces, crossing_faces
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._kernels.crossings import arealess_faces, crossing_faces
-from scaffold_stages._kernels.rounding import in_single_precision
-from scaffold_stages._kernels.solids import to_body
 
 BALL = trimesh.creation.icosphere(4, radius=5.0)
 VERTICES, FACES = np.asarray(BALL.vertices), np.asarray(BALL.faces)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shapes
-from scaffold_stages._kernels.sharp_edges import sharp_edges
+from scaffold_geometry.measures.printability.sharp_edges import sharp_edges
 
 
 def test_edges_of_a_box_are_right_angles_and_its_diagonals_flat():

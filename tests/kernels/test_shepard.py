@@ -19,12 +19,12 @@ from scipy.spatial.transform import Rotation
 
 from kernels.oracle import Floats, Ints, eight_hexahedra, icosahedron, one_tetrahedron
 from kernels.shepard_oracle import Net, extremes, graded, jittered, mixed, net_of, shepard, tetrahedra
+from scaffold_geometry.fields import certificate, shepard_grid
+from scaffold_geometry.fields import shepard as shepard_module
+from scaffold_geometry.fields.certificate import Rings, extremes_of
+from scaffold_geometry.fields.shepard import Bins, Segments, bin_segments, field_at
+from scaffold_geometry.fields.shepard_grid import TILE, field_on_tiles
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._kernels import certificate, shepard_grid
-from scaffold_stages._kernels import shepard as shepard_module
-from scaffold_stages._kernels.certificate import Rings, extremes_of
-from scaffold_stages._kernels.shepard import Bins, Segments, bin_segments, field_at
-from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
 
 C, EXPONENT, SUPPORT = 0.02, 4, 1.3
 MESHES = {
@@ -389,8 +389,8 @@ def test_lists_beyond_the_memory_are_refused(monkeypatch: pytest.MonkeyPatch):
 INTERPRETED = """
 import sys
 import numpy as np
-from scaffold_stages._kernels import shepard
-from scaffold_stages._kernels.shepard_grid import TILE, field_on_tiles
+from scaffold_geometry.fields import shepard
+from scaffold_geometry.fields.shepard_grid import TILE, field_on_tiles
 
 given = np.load(sys.argv[1])
 names = ("starts", "steps", "shapes", "reaches")

@@ -15,10 +15,10 @@ from kernels.oracle import (
     icosahedron,
     one_tetrahedron,
 )
+from scaffold_geometry.fields.skeleton import Skeleton, skeleton_of, slab_around
+from scaffold_geometry.surfaces.triangles import edge_faults
 from scaffold_pipeline.artifacts import PlanarMesh, SurfaceMesh, VolumeMesh
-from scaffold_pipeline.cell_types import CELL_TYPES
-from scaffold_stages._kernels.skeleton import Skeleton, skeleton_of, slab_around
-from scaffold_stages._kernels.triangles import edge_faults
+from scaffold_pipeline.artifacts.cells import CELL_TYPES
 
 FOUR_KINDS = Mesh(
     np.vstack([HEXAHEDRON, [(0.5, 0.5, 2), (2, 0, 0.5), (2, 1, 0.5), (1.5, 0.5, 2)]]),

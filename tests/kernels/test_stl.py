@@ -5,9 +5,11 @@ import struct
 import numpy as np
 import pytest
 
+from scaffold_geometry.files import stl
+from scaffold_geometry.files.stl import from_stl, to_stl
+from scaffold_geometry.surfaces import merge_corners as merge_corners_module
+from scaffold_geometry.surfaces.merge_corners import merge_corners
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._kernels import stl
-from scaffold_stages._kernels.stl import from_stl, merge_corners, to_stl
 
 TETRAHEDRON = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 3.0]])
 OUTWARD = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
@@ -98,7 +100,7 @@ def test_only_equal_coordinates_are_merged():
 def test_merging_is_exact_where_keys_collide(monkeypatch: pytest.MonkeyPatch):
     points = np.random.default_rng(3).integers(0, 4, size=(200, 3, 3)).astype(np.float32)
     vertices, faces = merge_corners(points)
-    monkeypatch.setattr(stl, "_keys", lambda rows: rows[:, 0].astype(np.uint64))
+    monkeypatch.setattr(merge_corners_module, "_keys", lambda rows: rows[:, 0].astype(np.uint64))
 
     by_collision = merge_corners(points)
 

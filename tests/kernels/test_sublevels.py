@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import shapes
-from scaffold_stages._kernels.sublevels import part_heights
+from scaffold_geometry.measures.printability.merge_tree import part_heights
 
 
 def test_part_of_a_ball_starts_at_its_lowest_vertex_and_meets_none():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels.contours import iso_surface
-from scaffold_stages._kernels.tpms import SURFACES, Floats, levels_at, sheet_of
+from scaffold_geometry.fields.tpms import SURFACES, Floats, levels_at, sheet_of
+from scaffold_geometry.voxels.iso_surface import iso_surface
 
 PI = np.pi
 PLACES = np.random.default_rng(1).uniform(-2.0 * PI, 2.0 * PI, (3, 500))

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import label
 
 from measures.voxel_images import access_oracle, blobs, gyroid, image_of, thickness_oracle
-from scaffold_stages._measures.accessibility import accessibility, share_reached
-from scaffold_stages._measures.image import OUTSIDE, PORE, STRUT, VoxelImage
+from scaffold_geometry.measures.accessibility import accessibility, share_reached
+from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 
 STRUTS = {"gyroid": gyroid(32, 0.3), "blobs": blobs(30, 0.45, seed=3), "dense blobs": blobs(30, 0.7, seed=4)}
 

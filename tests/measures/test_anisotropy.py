@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scaffold_stages._measures.anisotropy import anisotropy
+from scaffold_geometry.measures.anisotropy import anisotropy
 from shapes import ball, box, together
 
 TURN = np.linalg.qr(np.random.default_rng(6).standard_normal((3, 3)))[0]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from skimage.measure import euler_number as counted_by_skimage
 
-from scaffold_stages._kernels import solids
-from scaffold_stages._kernels.shells import shell_facts
-from scaffold_stages._kernels.tpms import gyroid
-from scaffold_stages._measures.connectivity import Connectivity, connectivity
+from scaffold_geometry.fields.tpms import gyroid
+from scaffold_geometry.measures.connectivity import Connectivity, connectivity
+from scaffold_geometry.surfaces import booleans
+from scaffold_geometry.surfaces.shells import shell_facts
 from shapes import ball, box, inverted, together
 
 
@@ -21,10 +21,10 @@ def found_in(vertices: np.ndarray, faces: np.ndarray) -> Connectivity:
 
 def frame(holes: int):
     """Return a bar with square holes through it."""
-    bar = solids.to_body(*box((0.0, 0.0, 0.0), (4.0 * holes + 1.0, 5.0, 2.0)), "bar")
+    bar = booleans.to_body(*box((0.0, 0.0, 0.0), (4.0 * holes + 1.0, 5.0, 2.0)), "bar")
     for hole in range(holes):
-        bar -= solids.to_body(*box((4.0 * hole + 1.0, 1.0, -1.0), (4.0 * hole + 4.0, 4.0, 3.0)), "hole")
-    return solids.from_body(bar)
+        bar -= booleans.to_body(*box((4.0 * hole + 1.0, 1.0, -1.0), (4.0 * hole + 4.0, 4.0, 3.0)), "hole")
+    return booleans.from_body(bar)
 
 
 @pytest.mark.parametrize("holes", [0, 1, 3])

@@ -7,10 +7,10 @@ from itertools import combinations, product
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels.cuboids import largest_cuboid
-from scaffold_stages._measures import inscribed_box as module
-from scaffold_stages._measures.image import OUTSIDE, PORE, STRUT, VoxelImage
-from scaffold_stages._measures.inscribed_box import inscribed_box
+from scaffold_geometry.measures import inscribed_box as module
+from scaffold_geometry.measures.cuboids import largest_cuboid
+from scaffold_geometry.measures.inscribed_box import inscribed_box
+from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 
 
 def image_of(inside: np.ndarray) -> VoxelImage:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from measures.voxel_images import blobs, gyroid, image_of, places, squared, thickness_oracle
-from scaffold_stages._kernels import balls
-from scaffold_stages._measures import local_thickness as measure
-from scaffold_stages._measures.image import PORE, STRUT, VoxelImage
-from scaffold_stages._measures.local_thickness import local_thickness
-from scaffold_stages._measures.voxelising import voxelise
+from scaffold_geometry.measures import balls
+from scaffold_geometry.measures import local_thickness as measure
+from scaffold_geometry.measures.local_thickness import local_thickness
+from scaffold_geometry.voxels.image import PORE, STRUT, VoxelImage
+from scaffold_geometry.voxels.voxelising import voxelise
 from shapes import ball, box, together
 
 SHAPES = {"gyroid": gyroid(32, 0.3), "blobs": blobs(28, 0.5, seed=3), "full": np.ones((9, 7, 8), bool)}

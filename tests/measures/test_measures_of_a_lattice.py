@@ -7,11 +7,11 @@ from itertools import product
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels.solids import from_body, to_body
-from scaffold_stages._measures.accessibility import accessibility, share_reached
-from scaffold_stages._measures.image import PORE, STRUT
-from scaffold_stages._measures.local_thickness import distribution, local_thickness
-from scaffold_stages._measures.voxelising import finest_spacing, voxelise
+from scaffold_geometry.measures.accessibility import accessibility, share_reached
+from scaffold_geometry.measures.local_thickness import distribution, local_thickness
+from scaffold_geometry.surfaces.booleans import from_body, to_body
+from scaffold_geometry.voxels.image import PORE, STRUT
+from scaffold_geometry.voxels.voxelising import finest_spacing, voxelise
 from shapes import box
 
 CELL, WIDTH, CELLS = 2.4, 0.8, 3

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import shapes
+from scaffold_geometry.measures.printability.islands import islands
+from scaffold_geometry.measures.printability.rules import PrintRules
 from scaffold_pipeline.artifacts import SurfaceMesh
-from scaffold_stages._measures.printability.islands import islands
-from scaffold_stages._measures.printability.rules import PrintRules
 
 TEE = shapes.fused(shapes.box((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)), shapes.box((-1.5, 0.0, 3.0), (3.0, 2.0, 4.0)))
 HOOK = shapes.fused(TEE, shapes.box((2.0, 0.0, 1.0), (3.0, 2.0, 3.5)), shapes.box((-1.5, 0.0, 2.5), (-1.0, 2.0, 3.5)))

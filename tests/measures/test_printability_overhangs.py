@@ -5,9 +5,9 @@ import pytest
 from pydantic import ValidationError
 
 import shapes
+from scaffold_geometry.measures.printability.overhangs import overhangs
+from scaffold_geometry.measures.printability.rules import PrintRules
 from scaffold_pipeline.artifacts import SurfaceMesh
-from scaffold_stages._measures.printability.overhangs import overhangs
-from scaffold_stages._measures.printability.rules import PrintRules
 
 BOX = shapes.box((0.0, 0.0, 0.0), (2.0, 3.0, 1.0))
 TEE = shapes.fused(

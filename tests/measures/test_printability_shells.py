@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 import shapes
+from scaffold_geometry.measures.printability.file_size import file_size
+from scaffold_geometry.measures.printability.loose_shells import loose_shells
+from scaffold_geometry.measures.printability.rules import PrintRules
+from scaffold_geometry.measures.printability.slivers import slivers
+from scaffold_geometry.measures.printability.verdict import lint
 from scaffold_pipeline.artifacts import SurfaceMesh
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._measures.printability.file_size import file_size
-from scaffold_stages._measures.printability.loose_shells import loose_shells
-from scaffold_stages._measures.printability.rules import PrintRules
-from scaffold_stages._measures.printability.slivers import slivers
-from scaffold_stages._measures.printability.verdict import lint
 
 BOX = shapes.box((0.0, 0.0, 0.0), (4.0, 4.0, 4.0))
 RULES = PrintRules()

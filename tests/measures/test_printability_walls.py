@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import shapes
+from scaffold_geometry.measures.printability.knife_edges import knife_edges, sharp_rims
+from scaffold_geometry.measures.printability.rules import PrintRules
+from scaffold_geometry.measures.printability.thin_walls import thin_walls
 from scaffold_pipeline.artifacts import SurfaceMesh
-from scaffold_stages._measures.printability.knife_edges import knife_edges, sharp_rims
-from scaffold_stages._measures.printability.rules import PrintRules
-from scaffold_stages._measures.printability.thin_walls import thin_walls
 
 PLATES = shapes.fused(
     shapes.box((0.0, 0.0, 0.0), (4.0, 3.0, 2.0)),

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scaffold_stages._kernels import solids
-from scaffold_stages._measures import surface
-from scaffold_stages._measures.surface import faces_of_pores, surface_measures
+from scaffold_geometry.measures import surface
+from scaffold_geometry.measures.surface import faces_of_pores, surface_measures
+from scaffold_geometry.surfaces import booleans
 from shapes import ball, box
 
 OUTER = box((0.0, 0.0, 0.0), (4.0, 4.0, 4.0))
@@ -15,8 +15,8 @@ OUTER = box((0.0, 0.0, 0.0), (4.0, 4.0, 4.0))
 
 def block_with_a_bore():
     """Return the outer cube with a bore of 2 x 2 mm through it along z."""
-    body = solids.to_body(*OUTER, "cube") - solids.to_body(*box((1.0, 1.0, -1.0), (3.0, 3.0, 5.0)), "bore")
-    return solids.from_body(body)
+    body = booleans.to_body(*OUTER, "cube") - booleans.to_body(*box((1.0, 1.0, -1.0), (3.0, 3.0, 5.0)), "bore")
+    return booleans.from_body(body)
 
 
 def test_the_walls_of_a_bore_are_the_pores_and_all_else_lies_on_the_shape():

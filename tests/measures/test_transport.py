@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
-from scaffold_stages._kernels.tpms import gyroid
-from scaffold_stages._measures import conduction
-from scaffold_stages._measures.conduction import flow_through, links_between
-from scaffold_stages._measures.image import OUTSIDE, PORE, STRUT, VoxelImage
-from scaffold_stages._measures.transport import diffusion_through, transport
+from scaffold_geometry.fields.tpms import gyroid
+from scaffold_geometry.measures import conduction
+from scaffold_geometry.measures.conduction import flow_through, links_between
+from scaffold_geometry.measures.transport import diffusion_through, transport
+from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 
 
 def image_of(pores: np.ndarray, spacing: float = 0.5) -> VoxelImage:

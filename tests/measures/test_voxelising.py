@@ -7,10 +7,10 @@ import math
 import numpy as np
 import pytest
 
+from scaffold_geometry.voxels.grids import samples_inside
+from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT
+from scaffold_geometry.voxels.voxelising import finest_spacing, voxelise
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._kernels.grids import samples_inside
-from scaffold_stages._measures.image import OUTSIDE, PORE, STRUT
-from scaffold_stages._measures.voxelising import finest_spacing, voxelise
 from shapes import Surface, ball, box, inverted, together, volume_of
 
 ROOM = box((-6.0, -6.0, -6.0), (6.0, 6.0, 6.0))

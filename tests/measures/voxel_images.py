@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, gaussian_filter, generate_binary_structure, label
 
-from scaffold_stages._measures.image import OUTSIDE, PORE, STRUT, VoxelImage
+from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 
 Bools = NDArray[np.bool_]
 Ints = NDArray[np.int64]

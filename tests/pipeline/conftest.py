@@ -11,7 +11,7 @@ from textwrap import dedent
 import pytest
 
 from pipeline.workplace import Project
-from scaffold_pipeline import registry
+from scaffold_pipeline.stages import registry
 
 PLUGIN = Path(__file__).with_name("fake_plugin")
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from scaffold_pipeline.store import hash_file
+from scaffold_pipeline.run.store import hash_file
 
 OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
 FACES = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]

@@ -4,17 +4,18 @@ import numpy as np
 import pytest
 
 from scaffold_pipeline.artifacts import (
+    Certificate,
     IsoSurface,
+    Metrics,
     OuterShape,
     PlanarMesh,
+    ScalarField,
     Solid,
     SurfaceMesh,
     VolumeMesh,
     WrittenFiles,
 )
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import Certificate, ScalarField
-from scaffold_pipeline.measurements import Metrics
 
 CORNERS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 OUTWARD = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])

@@ -10,12 +10,12 @@ from threading import Thread
 import pytest
 
 from pipeline.workplace import Project, harm, ran, wait_for
-from scaffold_pipeline import cache as cache_module
-from scaffold_pipeline import store as store_module
-from scaffold_pipeline.cache import Cache, parse_size
 from scaffold_pipeline.errors import ConfigError
-from scaffold_pipeline.runner import Progress, execute, unchanged_labels
-from scaffold_pipeline.store import Store, hash_input
+from scaffold_pipeline.run import cache as cache_module
+from scaffold_pipeline.run import store as store_module
+from scaffold_pipeline.run.cache import Cache, parse_size
+from scaffold_pipeline.run.runner import Progress, execute, unchanged_labels
+from scaffold_pipeline.run.store import Store, hash_input
 
 CHAIN = """
     seed: 7
@@ -102,7 +102,7 @@ def test_another_version_of_a_library_is_another_result(
 ):
     text = """
         from fake_stages import MakePointsParams, Points
-        from scaffold_pipeline.contract import stage
+        from scaffold_pipeline.stages.contract import stage
         import numpy as np
 
         @stage(writes="points", version=1, libraries=("library",))
@@ -112,7 +112,7 @@ def test_another_version_of_a_library_is_another_result(
         """
     config = "stages: [{use: leaning}, {use: draw_points}]"
     versions = {"library": "1.0", "numpy": "2.0"}
-    monkeypatch.setattr("scaffold_pipeline.contract.version_of", versions.__getitem__)
+    monkeypatch.setattr("scaffold_pipeline.stages.contract.version_of", versions.__getitem__)
     install("leaning_package", text, "leaning")
     result = project.execute(config, cache=cache)
     assert result.steps[0].libraries == {"library": "1.0", "numpy": "2.0"}

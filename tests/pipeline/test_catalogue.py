@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from pipeline.workplace import Project
-from scaffold_pipeline.catalogue import config_schema, describe, installed_stages, markdown_table
-from scaffold_pipeline.contract import Stage
+from scaffold_pipeline.config.starter import examples
+from scaffold_pipeline.config.yaml_source import parse
 from scaffold_pipeline.errors import StageDefinitionError
-from scaffold_pipeline.registry import load_stage
-from scaffold_pipeline.starter import examples
-from scaffold_pipeline.yaml_source import parse
+from scaffold_pipeline.stages.catalogue import config_schema, describe, installed_stages, markdown_table
+from scaffold_pipeline.stages.contract import Stage
+from scaffold_pipeline.stages.registry import load_stage
 
 CONFIGS = sorted(Path(__file__).parents[2].glob("configs/*.yaml"))
 
@@ -55,8 +55,8 @@ def test_a_default_that_is_made_is_told_as_what_it_is(install: Callable[..., Non
         "factory_package",
         """
         from pydantic import Field
-        from scaffold_pipeline.contract import Millimetres, Params, stage
-        from scaffold_pipeline.measurements import Metrics
+        from scaffold_pipeline.stages.contract import Millimetres, Params, stage
+        from scaffold_pipeline.artifacts import Metrics
 
         class Factory(Params):
             names: list[str] = Field(default_factory=lambda: ["a"])

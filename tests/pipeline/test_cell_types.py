@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from scaffold_pipeline.cell_types import (
+from scaffold_pipeline.artifacts.cells import (
     CELL_TYPES,
     _is_walked_upwards,
     cell_areas,

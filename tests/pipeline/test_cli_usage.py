@@ -133,7 +133,7 @@ def test_help_names_every_command_and_exit_code(project: Project):
 
 IMPORTED = """
 import json, sys
-from scaffold_pipeline.cli import main
+from scaffold_pipeline.cli.app import main
 main(sys.argv[1:])
 print(json.dumps(sorted({name.partition(".")[0] for name in sys.modules})), file=sys.stderr)
 """

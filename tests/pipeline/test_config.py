@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from pipeline.workplace import Project
-from scaffold_pipeline.config import read_draft
+from scaffold_pipeline.config.draft import read_draft
+from scaffold_pipeline.config.plan import Plan, make_plan
 from scaffold_pipeline.errors import ConfigError
-from scaffold_pipeline.plan import Plan, make_plan
 
 SOUND = """
     name: sound

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from pydantic import Field, ValidationError
 
-from scaffold_pipeline.artifacts import Artifact, SurfaceMesh
-from scaffold_pipeline.contract import (
+from scaffold_pipeline.artifacts import Artifact, Metrics, SurfaceMesh
+from scaffold_pipeline.errors import StageDefinitionError
+from scaffold_pipeline.stages.contract import (
     Follows,
     InputFile,
     InputFileMark,
@@ -19,8 +20,6 @@ from scaffold_pipeline.contract import (
     stage,
     stage_from_function,
 )
-from scaffold_pipeline.errors import StageDefinitionError
-from scaffold_pipeline.measurements import Metrics
 from scaffold_pipeline.testing import check_stage
 
 
@@ -157,8 +156,8 @@ def test_the_check_names_every_rule_that_a_stage_breaks(install: Callable[..., N
         """
         import scipy
         from pydantic import ConfigDict, Field
-        from scaffold_pipeline.contract import Params, stage
-        from scaffold_pipeline.measurements import Metrics
+        from scaffold_pipeline.stages.contract import Params, stage
+        from scaffold_pipeline.artifacts import Metrics
 
         class Untidy(Params):
             model_config = ConfigDict(extra="ignore")
@@ -203,8 +202,8 @@ def test_the_check_refuses_parameters_without_a_schema(install: Callable[..., No
         "schemaless_package",
         """
         from collections.abc import Callable
-        from scaffold_pipeline.contract import Params, stage
-        from scaffold_pipeline.measurements import Metrics
+        from scaffold_pipeline.stages.contract import Params, stage
+        from scaffold_pipeline.artifacts import Metrics
 
         class Schemaless(Params):
             call: Callable[[], int]

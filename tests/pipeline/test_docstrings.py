@@ -4,6 +4,7 @@ import doctest
 import importlib
 import pkgutil
 
+import scaffold_geometry
 import scaffold_pipeline
 import scaffold_stages
 
@@ -11,7 +12,7 @@ import scaffold_stages
 def test_the_examples_of_docstrings_give_what_they_say():
     names = [
         module.name
-        for package in (scaffold_pipeline, scaffold_stages)
+        for package in (scaffold_pipeline, scaffold_geometry, scaffold_stages)
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
         if not module.name.endswith(".__main__")
     ]

@@ -14,7 +14,7 @@ import pytest
 
 from pipeline.workplace import wait_for
 from scaffold_pipeline.errors import MemoryShortageError, StageError
-from scaffold_pipeline.isolation import Arrays, call_in_child
+from scaffold_pipeline.processes.isolation import Arrays, call_in_child
 
 WORK = """
     import os, signal, sys, time
@@ -145,7 +145,7 @@ def test_the_child_works_in_a_folder_that_is_removed(work: ModuleType):
 def test_a_child_ends_with_its_killed_parent(tmp_path: Path):
     sign = tmp_path / "pid.txt"
     code = f"""
-        from scaffold_pipeline.isolation import call_in_child
+        from scaffold_pipeline.processes.isolation import call_in_child
         import work_in_child
         call_in_child(work_in_child.spell, {{}}, {{"path": {str(sign)!r}}}, seconds=60.0, about="")
         """
@@ -160,6 +160,6 @@ def test_a_child_ends_with_its_killed_parent(tmp_path: Path):
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a child for its memory")
 def test_a_child_gets_no_more_memory_than_is_free(work: ModuleType, monkeypatch: pytest.MonkeyPatch):
     assert call(work.devour, gigabytes=1)["sum"] == 2**27
-    monkeypatch.setattr("scaffold_pipeline.isolation.available_memory", lambda: 2**30)
+    monkeypatch.setattr("scaffold_pipeline.processes.isolation.available_memory", lambda: 2**30)
     with pytest.raises(MemoryShortageError, match=r"more than the 1.0 GiB of memory that were free \(.*\); heel.stl"):
         call(work.devour, gigabytes=2)

@@ -3,8 +3,8 @@ import json
 import numpy as np
 import pytest
 
+from scaffold_pipeline.artifacts import Curve, Finding, Histogram, Metrics
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.measurements import Curve, Finding, Histogram, Metrics
 
 
 @pytest.mark.parametrize(

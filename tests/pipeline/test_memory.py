@@ -11,8 +11,8 @@ import numpy as np
 import psutil
 import pytest
 
-from scaffold_pipeline import memory
-from scaffold_pipeline.memory import PeakMemory, available_memory
+from scaffold_pipeline.processes import memory
+from scaffold_pipeline.processes.memory import PeakMemory, available_memory
 
 MIB = 2**20
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scaffold_pipeline.artifacts import Contour, Polygons
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.polygons import Contour, Polygons
-from scaffold_pipeline.store import Store
+from scaffold_pipeline.run.store import Store
 
 SQUARE = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
 HOLE = (SQUARE / 4.0 + 1.0)[::-1]

@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 from pipeline.workplace import Project, harm
-from scaffold_pipeline.config import read_draft
+from scaffold_pipeline.config.draft import read_draft
+from scaffold_pipeline.config.plan import make_plan
+from scaffold_pipeline.config.yaml_source import parse
 from scaffold_pipeline.errors import PipelineError
-from scaffold_pipeline.plan import make_plan
 from scaffold_pipeline.report import publish as publishing
 from scaffold_pipeline.report.publish import publish, run_metrics
-from scaffold_pipeline.runner import execute, locked
-from scaffold_pipeline.store import hash_file
-from scaffold_pipeline.yaml_source import parse
+from scaffold_pipeline.run.runner import execute, locked
+from scaffold_pipeline.run.store import hash_file
 
 CHAIN = """
     name: points

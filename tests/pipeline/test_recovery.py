@@ -8,10 +8,10 @@ from threading import Thread
 import pytest
 
 from pipeline.workplace import Project, harm, ran, wait_for
-from scaffold_pipeline import records, store
 from scaffold_pipeline.errors import PipelineError, StageError
-from scaffold_pipeline.records import StepRecord
-from scaffold_pipeline.runner import Progress, RunResult, locked
+from scaffold_pipeline.run import records, store
+from scaffold_pipeline.run.records import StepRecord
+from scaffold_pipeline.run.runner import Progress, RunResult, locked
 
 CHAIN = """
     seed: 7

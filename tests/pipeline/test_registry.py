@@ -6,13 +6,13 @@ import pytest
 
 from pipeline.workplace import Project
 from scaffold_pipeline.errors import ConfigError, StageDefinitionError
-from scaffold_pipeline.registry import load_stage, stage_names
+from scaffold_pipeline.stages.registry import load_stage, stage_names
 
 Install = Callable[..., None]
 
 STAGE = """
-    from scaffold_pipeline.contract import Params, stage
-    from scaffold_pipeline.measurements import Metrics
+    from scaffold_pipeline.stages.contract import Params, stage
+    from scaffold_pipeline.artifacts import Metrics
 
     class Nothing(Params):
         pass

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from pipeline.workplace import Project, harm, ran
-from scaffold_pipeline import records, runner
+from scaffold_pipeline.config.plan import Plan
 from scaffold_pipeline.errors import MemoryShortageError, PipelineError, StageDefinitionError, StageError
-from scaffold_pipeline.plan import Plan
-from scaffold_pipeline.records import StepRecord
-from scaffold_pipeline.runner import RunResult, execute, unchanged_labels
+from scaffold_pipeline.run import records, runner
+from scaffold_pipeline.run.records import StepRecord
+from scaffold_pipeline.run.runner import RunResult, execute, unchanged_labels
 
 CHAIN = """
     seed: 7
@@ -157,7 +157,7 @@ def test_a_file_that_changes_while_it_is_read_stores_nothing(project: Project, m
 def test_a_new_version_of_a_stage_is_run(project: Project, install: Callable[..., None]):
     text = """
         from fake_stages import MakePointsParams, Points
-        from scaffold_pipeline.contract import stage
+        from scaffold_pipeline.stages.contract import stage
         import numpy as np
 
         @stage(writes="points", version={version})
@@ -303,7 +303,7 @@ def test_an_array_that_a_stage_was_given_cannot_be_changed_by_it(project: Projec
         "rude_package",
         """
         from fake_stages import DrawPointsParams, Points
-        from scaffold_pipeline.contract import stage
+        from scaffold_pipeline.stages.contract import stage
 
         @stage(writes="points", version=1)
         def rude(points: Points, *, params: DrawPointsParams) -> Points:

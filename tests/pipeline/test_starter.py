@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from pipeline.workplace import Project
-from scaffold_pipeline import starter
-from scaffold_pipeline.catalogue import config_schema
+from scaffold_pipeline.config import starter
+from scaffold_pipeline.stages.catalogue import config_schema
 
 
 def test_new_writes_a_config_that_validates_and_its_schema(project: Project):

@@ -7,10 +7,17 @@ import numpy as np
 import pytest
 
 from pipeline.workplace import harm
-from scaffold_pipeline.artifacts import Artifact, OuterShape, VolumeMesh
-from scaffold_pipeline.fields import Certificate, ScalarField
-from scaffold_pipeline.measurements import Finding, Histogram, Metrics
-from scaffold_pipeline.store import (
+from scaffold_pipeline.artifacts import (
+    Artifact,
+    Certificate,
+    Finding,
+    Histogram,
+    Metrics,
+    OuterShape,
+    ScalarField,
+    VolumeMesh,
+)
+from scaffold_pipeline.run.store import (
     DamagedStoreError,
     Store,
     canonical_json,
@@ -160,7 +167,7 @@ def test_what_an_earlier_version_stored_and_this_one_cannot_make_is_damage(
     manifest = json.loads((store.root / f"artifacts/{digest}.json").read_text())
     changes = [
         {**manifest, "type": "no_such_module:OuterShape"},
-        {**manifest, "type": "scaffold_pipeline.artifacts:NoSuchShape"},
+        {**manifest, "type": "scaffold_pipeline.artifacts.meshes:NoSuchShape"},
         {**manifest, "type": "pathlib:Path"},
         {**manifest, "fields": {**manifest["fields"], "colour": {"value": "red"}}},
         {**manifest, "fields": {"notes": manifest["fields"]["notes"]}},

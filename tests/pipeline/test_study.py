@@ -12,10 +12,10 @@ from typing import Any, ClassVar
 import pytest
 
 from pipeline.workplace import Project, harm
-from scaffold_pipeline import forecast, study, workers
-from scaffold_pipeline.cores import core_count, thread_count, threads_of_children
-from scaffold_pipeline.schedule import Schedule, Task
-from scaffold_pipeline.store import hash_file
+from scaffold_pipeline.processes.threads import core_count, thread_count, threads_of_children
+from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.study import memory_forecast, study, workers
+from scaffold_pipeline.study.schedule import Schedule, Task
 
 BASE = """
     seed: 7
@@ -381,4 +381,4 @@ def test_where_points_follow_each_other_no_memory_is_foretold(project: Project, 
 
 def test_a_shape_that_cannot_be_loaded_is_the_failure_of_its_points_alone(project: Project, spy: Any):  # noqa: ANN401
     answer = project.command("study", "study.yaml", "--workers", "2", "--keep-going", "--set", "make_block.log=/")
-    assert (answer.code, len(spy[1][0]), set(spy[1][0])) == (1, 4, {forecast.USUAL})
+    assert (answer.code, len(spy[1][0]), set(spy[1][0])) == (1, 4, {memory_forecast.USUAL})

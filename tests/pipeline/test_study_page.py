@@ -13,11 +13,11 @@ from PIL import Image
 
 from pipeline.test_page import HOSTILE, Tags
 from pipeline.workplace import Project
-from scaffold_pipeline import study_page
-from scaffold_pipeline.study_file import Point, Study
-from scaffold_pipeline.study_page import write_page
-from scaffold_pipeline.study_table import PointState
-from scaffold_pipeline.yaml_source import Document, parse
+from scaffold_pipeline.config.yaml_source import Document, parse
+from scaffold_pipeline.study import page
+from scaffold_pipeline.study.file import Point, Study
+from scaffold_pipeline.study.page import write_page
+from scaffold_pipeline.study.table import PointState
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := which(name))), None)
 COLUMNS = ("field.interpolation", "mesh.counts")
@@ -195,7 +195,7 @@ def test_without_any_picture_the_page_says_what_draws_them_and_an_earlier_sheet_
 
 def test_a_sheet_of_too_many_points_says_so(out: Path, monkeypatch: pytest.MonkeyPatch):
     titles = []
-    monkeypatch.setattr(study_page, "MOST_ON_SHEET", 2)
+    monkeypatch.setattr(page, "MOST_ON_SHEET", 2)
     monkeypatch.setattr(
         "scaffold_pipeline.report.contact_sheet.draw_sheet",
         lambda title, cells: titles.append((title, len(cells))) or Image.new("RGB", (1, 1)),

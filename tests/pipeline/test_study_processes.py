@@ -11,7 +11,7 @@ import pytest
 
 from pipeline.test_study import BASE, NAMES, OUT, POINTS, STUDY, outputs, record, rows
 from pipeline.workplace import Project, wait_for
-from scaffold_pipeline.cores import core_count
+from scaffold_pipeline.processes.threads import core_count
 
 
 def unfinished() -> list[str]:

@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from scaffold_pipeline.config.yaml_source import parse, parse_scalar, to_yaml
 from scaffold_pipeline.errors import ConfigError
-from scaffold_pipeline.yaml_source import parse, parse_scalar, to_yaml
 
 
 def faults_of(text: str) -> list[str]:

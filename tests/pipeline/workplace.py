@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 
-from scaffold_pipeline import cli
-from scaffold_pipeline.cache import Cache
-from scaffold_pipeline.config import read_draft
-from scaffold_pipeline.plan import Plan, make_plan
-from scaffold_pipeline.runner import Progress, RunResult, execute
+from scaffold_pipeline.cli import app
+from scaffold_pipeline.config.draft import read_draft
+from scaffold_pipeline.config.plan import Plan, make_plan
+from scaffold_pipeline.run.cache import Cache
+from scaffold_pipeline.run.runner import Progress, RunResult, execute
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Project:
     def command(self, *arguments: object) -> Answer:
         """Run the command in this process."""
         self.capture.readouterr()
-        code = cli.main([str(argument) for argument in arguments])
+        code = app.main([str(argument) for argument in arguments])
         told = self.capture.readouterr()
         return Answer(code, told.out, told.err)
 

@@ -27,14 +27,13 @@ from kernels.oracle import (
     to_segment,
 )
 from kernels.shepard_oracle import extremes, graded, jittered, mixed, net_of, oriented, shepard, tetrahedra
-from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
-from scaffold_pipeline.cell_types import CELL_TYPES
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_geometry.fields import interpolation, sampling
+from scaffold_geometry.fields.skeleton import skeleton_of
+from scaffold_geometry.surfaces import booleans
+from scaffold_pipeline.artifacts import OuterShape, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.fields import ScalarField
-from scaffold_stages._fields import interpolation, sampling
-from scaffold_stages._kernels import solids
-from scaffold_stages._kernels.skeleton import skeleton_of
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 from shapes import box
 
@@ -228,8 +227,8 @@ def spiked(mesh: Mesh) -> OuterShape:
     outer = box_around(mesh)
     (x, y, _), top = outer.vertices.mean(axis=0), outer.vertices[:, 2].max()
     spike = box((x - 0.06, y - 0.06, top - 0.5), (x + 0.06, y + 0.06, top + 1.6))
-    body = solids.to_body(outer.vertices, outer.faces, "box") + solids.to_body(*spike, "spike")
-    return OuterShape(*solids.from_body(body))
+    body = booleans.to_body(outer.vertices, outer.faces, "box") + booleans.to_body(*spike, "spike")
+    return OuterShape(*booleans.from_body(body))
 
 
 def test_a_few_samples_that_only_struts_or_channels_reach_are_a_warning():

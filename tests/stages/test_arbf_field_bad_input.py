@@ -11,10 +11,9 @@ from pydantic import ValidationError
 
 from kernels.oracle import HEXAHEDRON, Floats, Mesh, interpolant_of
 from kernels.shepard_oracle import extremes, jittered, net_of, oriented, shepard, tetrahedra
-from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
-from scaffold_pipeline.cell_types import CELL_TYPES
+from scaffold_pipeline.artifacts import Certificate, OuterShape, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.fields import Certificate, ScalarField
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 from shapes import box, together
 

@@ -10,10 +10,9 @@ import pytest
 
 from kernels.oracle import Elements, Floats, between, phi, to_segment
 from kernels.shepard_oracle import Net, shepard
-from scaffold_pipeline.artifacts import CellMesh, OuterShape, PlanarMesh, VolumeMesh
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_pipeline.artifacts import CellMesh, OuterShape, PlanarMesh, ScalarField, VolumeMesh
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import ScalarField
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 from scaffold_stages.isosurface import IsosurfaceParams, isosurface
 from scaffold_stages.jitter import jitter

@@ -9,12 +9,12 @@ import igl
 import numpy as np
 import pytest
 
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.voxels.iso_surface import iso_surface
 from scaffold_pipeline.artifacts import IsoSurface
-from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages import clean_surface as module
-from scaffold_stages._kernels import triangles
-from scaffold_stages._kernels.contours import iso_surface
 from scaffold_stages.clean_surface import CleanSurfaceParams, clean_surface, smooth_with_meshlab
 from shapes import ball, box, gyroid, inverted, outer_of, require_closed, together
 

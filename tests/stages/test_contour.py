@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_pipeline.artifacts import OuterShape, PlanarMesh
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_geometry.planar import regions
+from scaffold_pipeline.artifacts import Contour, OuterShape, PlanarMesh, ScalarField
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import ScalarField
-from scaffold_pipeline.polygons import Contour
-from scaffold_stages._kernels import sections
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 from scaffold_stages.contour import ContourParams, contour
 from scaffold_stages.jitter_planar import JitterPlanarParams, jitter_planar
@@ -89,7 +87,7 @@ def test_a_mirrored_mesh_gives_the_mirrored_contour():
     params = ArbfFieldParams(voxel_size=0.1)
     one, other = (contour_of(arbf_field(each, params=params), each, porosity=0.4) for each in (mesh, mirrored))
     images = [ring[::-1] * [-1.0, 1.0] for ring in other.solid.rings]
-    a, b = sections.to_region(one.solid.rings), sections.to_region(images)
+    a, b = regions.to_region(one.solid.rings), regions.to_region(images)
     assert ((a - b) + (b - a)).area() < 1e-4 * a.area()
     assert (one.pieces, one.holes) == (other.pieces, other.holes)
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from scaffold_pipeline.registry import load_stage, stage_names
+from scaffold_pipeline.stages.registry import load_stage, stage_names
 from scaffold_pipeline.testing import check_stage
 
 

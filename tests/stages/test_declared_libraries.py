@@ -8,8 +8,8 @@ from importlib.metadata import packages_distributions
 import grimp
 import pytest
 
-from scaffold_pipeline.registry import load_stage, stage_owners
-from scaffold_pipeline.registry import stage_names as names
+from scaffold_pipeline.stages.registry import load_stage, stage_owners
+from scaffold_pipeline.stages.registry import stage_names as names
 
 SHAPE_NO_OUTPUT = {"pydantic"}
 """It checks parameters."""
@@ -17,7 +17,9 @@ SHAPE_NO_OUTPUT = {"pydantic"}
 
 @pytest.fixture(scope="module")
 def graph() -> grimp.ImportGraph:
-    return grimp.build_graph("scaffold_stages", "scaffold_pipeline", include_external_packages=True)
+    return grimp.build_graph(
+        "scaffold_stages", "scaffold_geometry", "scaffold_pipeline", include_external_packages=True
+    )
 
 
 def libraries_of(module: str, graph: grimp.ImportGraph) -> set[str]:
@@ -30,7 +32,7 @@ def libraries_of(module: str, graph: grimp.ImportGraph) -> set[str]:
         seen.add(at)
         for imported in graph.find_modules_directly_imported_by(at):
             top = imported.partition(".")[0]
-            if top == "scaffold_stages":
+            if top in {"scaffold_stages", "scaffold_geometry"}:
                 todo |= {imported} - seen
             elif top != "scaffold_pipeline" and top not in sys.stdlib_module_names:
                 found |= set(distributions.get(top, [top]))

@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from kernels.test_picture import can_draw
+from scaffold_geometry.drawing import renders
 from scaffold_pipeline.artifacts import PlanarMesh, VolumeMesh
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_stages._kernels import picture
 from scaffold_stages.draw_mesh import DrawMeshParams, draw_mesh
 from shapes import tetrahedra
 
@@ -39,7 +39,7 @@ def test_a_picture_that_cannot_be_drawn_is_a_warning(tmp_path: Path, monkeypatch
     def die(*_: object, **__: object) -> None:
         raise StageError("was ended by SIGSEGV")
 
-    monkeypatch.setattr(picture, "call_in_child", die)
+    monkeypatch.setattr(renders, "call_in_child", die)
     with pytest.warns(PipelineWarning, match=r"no mesh\.png was drawn: .*SIGSEGV.*libegl1"):
         draw_mesh(SQUARE, params=DrawMeshParams(), out=tmp_path)
     assert not list(tmp_path.iterdir())

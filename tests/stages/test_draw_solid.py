@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from scaffold_pipeline.artifacts import OuterShape, Solid
+from scaffold_geometry.drawing.sections import nearest_values, sections, simplified
+from scaffold_pipeline.artifacts import Metrics, OuterShape, Solid
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.measurements import Metrics
 from scaffold_pipeline.report.view import read_view
 from scaffold_stages import draw_solid as stage
-from scaffold_stages._kernels.drawing import nearest_values, sections, simplified
 from scaffold_stages.draw_solid import DrawSolidParams, draw_solid
 from shapes import Surface, ball, box, inverted, require_closed, together, volume_of
 

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from end_to_end.solid_judge import faults_of
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.repair import vertex_splitting
+from scaffold_geometry.surfaces.self_intersections import crossing_faces
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
-from scaffold_pipeline.cli import main
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_pipeline.cli.app import main
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_stages._kernels import triangles
-from scaffold_stages._surfaces.crossings import crossing_faces
-from scaffold_stages._volumes import touching
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.extract_outer import ExtractOuterParams, extract_outer
 from scaffold_stages.jitter import JitterParams, jitter
 from scaffold_stages.load_volume_mesh import LoadVolumeMeshParams, load_volume_mesh
@@ -150,7 +150,7 @@ def test_a_surface_folded_onto_itself_cannot_be_parted():
         *together(box((0, 0, 0), (1, 1, 1)), inverted(box((1, 1, 0), (2, 2, 1))))
     )
     with pytest.raises(StageError, match=r"its boundary folds onto itself at 1, 1, 0\.5 mm: 4 faces meet at an edge"):
-        touching.parted(vertices, faces)
+        vertex_splitting.parted(vertices, faces)
 
 
 def test_bodies_upon_each_other_are_refused():

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_pipeline.artifacts import Solid
-from scaffold_pipeline.polygons import Contour, Polygons
-from scaffold_stages._kernels.crossings import crossing_faces
+from scaffold_geometry.surfaces.triangle_intersections import crossing_faces
+from scaffold_pipeline.artifacts import Contour, Polygons, Solid
 from scaffold_stages.contour import ContourParams, contour
 from scaffold_stages.extrude import ExtrudeParams, extrude
 from shapes import planar_field, require_closed, squares

@@ -2,8 +2,8 @@
 
 import pytest
 
-from scaffold_pipeline.contract import Params
 from scaffold_pipeline.report.gates import WORDS
+from scaffold_pipeline.stages.contract import Params
 from scaffold_stages.measure import MeasureParams
 from scaffold_stages.measure_plate import MeasurePlateParams
 

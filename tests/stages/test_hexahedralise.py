@@ -10,16 +10,16 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial import cKDTree
 
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.triangle_intersections import crossing_faces
+from scaffold_geometry.volumes import cells
+from scaffold_geometry.volumes.boundary import boundary_triangles
+from scaffold_geometry.volumes.hexahedra.quality import least_jacobians
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
-from scaffold_pipeline.cell_types import cell_volumes
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_pipeline.artifacts.cells import cell_volumes
 from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages import hexahedralise as module
-from scaffold_stages._kernels import triangles
-from scaffold_stages._kernels.crossings import crossing_faces
-from scaffold_stages._kernels.hexahedra import least_jacobians
-from scaffold_stages._volumes import cells
-from scaffold_stages._volumes.boundary import boundary_triangles
 from scaffold_stages.hexahedralise import HexahedraliseParams, hexahedralise
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 from scaffold_stages.make_shape import MakeShapeParams, make_shape

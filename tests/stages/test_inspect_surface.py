@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages import inspect_surface as module
 from scaffold_stages.inspect_surface import InspectSurfaceParams, inspect_surface
 

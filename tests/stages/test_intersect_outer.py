@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.voxels.iso_surface import iso_surface
 from scaffold_pipeline.artifacts import IsoSurface, OuterShape, Solid
-from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._kernels import triangles
-from scaffold_stages._kernels.contours import iso_surface
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.intersect_outer import IntersectOuterParams, intersect_outer
 from scaffold_stages.make_shape import MakeShapeParams, make_shape
 from shapes import ball, box, gyroid, inverted, outer_of, require_closed, samples_over, together

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from scaffold_geometry.volumes.hexahedra.quality import least_jacobians
+from scaffold_geometry.volumes.jitter import LEAST_SHARE, parts_of, random_steps, sound_move
 from scaffold_pipeline.artifacts import VolumeMesh
-from scaffold_pipeline.cell_types import cell_volumes
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_pipeline.artifacts.cells import cell_volumes
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages import jitter as module
-from scaffold_stages._kernels.hexahedra import least_jacobians
-from scaffold_stages._kernels.moving import LEAST_SHARE, parts_of, random_steps, sound_move
 from scaffold_stages.jitter import JitterParams, jitter
 from scaffold_stages.make_mesh import MakeMeshParams, make_mesh
 from shapes import hexahedra, tetrahedra

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scaffold_geometry.planar import regions
+from scaffold_geometry.volumes.jitter import LEAST_SHARE, parts_of
 from scaffold_pipeline.artifacts import PlanarMesh
-from scaffold_pipeline.cell_types import corner_turns
-from scaffold_stages._kernels import sections
-from scaffold_stages._kernels.moving import LEAST_SHARE, parts_of
+from scaffold_pipeline.artifacts.cells import corner_turns
 from scaffold_stages.jitter_planar import JitterPlanarParams, jitter_planar
 from scaffold_stages.make_planar_mesh import MakePlanarMeshParams, make_planar_mesh
 from shapes import squares
@@ -22,7 +22,7 @@ def jittered(mesh: PlanarMesh = MESH, seed: int = 1, **given: object) -> PlanarM
 
 
 def outline(mesh: PlanarMesh):
-    return sections.outline_of(mesh.vertices, mesh.cells)
+    return regions.outline_of(mesh.vertices, mesh.cells)
 
 
 def local_lengths(mesh: PlanarMesh):

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"

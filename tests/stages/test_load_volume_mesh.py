@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from scaffold_pipeline.artifacts import VolumeMesh
-from scaffold_pipeline.cell_types import cell_volumes
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_pipeline.artifacts.cells import cell_volumes
 from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages import load_volume_mesh as module
 from scaffold_stages.load_volume_mesh import LoadVolumeMeshParams, load_volume_mesh
 

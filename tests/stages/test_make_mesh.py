@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from scaffold_geometry.fields.skeleton import skeleton_of
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.volumes import cells
+from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
-from scaffold_pipeline.cell_types import cell_volumes, faces_of_cells
-from scaffold_pipeline.contract import stage_from_function
-from scaffold_stages._kernels import triangles
-from scaffold_stages._kernels.skeleton import skeleton_of
-from scaffold_stages._volumes import cells
-from scaffold_stages._volumes.boundary import boundary_triangles
+from scaffold_pipeline.artifacts.cells import cell_volumes, faces_of_cells
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.make_mesh import MakeMeshParams, make_mesh
 
 PAPER = ["tetrahedron", "icosahedron", "hexahedron", "cube", "rod"]

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.self_intersections import crossing_faces
 from scaffold_pipeline.artifacts import OuterShape
-from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages import make_shape as module
-from scaffold_stages._kernels import triangles
-from scaffold_stages._surfaces.crossings import crossing_faces
 from scaffold_stages.make_shape import MakeShapeParams, make_shape
 
 SHAPES = [

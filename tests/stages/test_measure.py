@@ -8,13 +8,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from scaffold_pipeline.artifacts import IsoSurface, Solid
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_geometry.measures.gates import _failed_interruptions, _failed_sizes
+from scaffold_geometry.surfaces import booleans
+from scaffold_pipeline.artifacts import Certificate, IsoSurface, Metrics, ScalarField, Solid
 from scaffold_pipeline.errors import PipelineWarning
-from scaffold_pipeline.fields import Certificate, ScalarField
-from scaffold_pipeline.measurements import Metrics
-from scaffold_stages._kernels import solids
-from scaffold_stages._measures.gates import _failed_interruptions, _failed_sizes
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.measure import MeasureParams, measure
 from shapes import box, hexahedra, inverted, outer_of, tetrahedra, together
 
@@ -24,9 +22,9 @@ POROSITY = 4.0 * 3.0 * 6.0 / 480.0
 
 def pierced():
     """Return the outer box with a square channel of 4 x 3 mm along z through it."""
-    block = solids.to_body(OUTER.vertices, OUTER.faces, "box")
-    channel = solids.to_body(*box((2.0, 2.0, -1.0), (6.0, 5.0, 7.0)), "channel")
-    return solids.from_body(block - channel)
+    block = booleans.to_body(OUTER.vertices, OUTER.faces, "box")
+    channel = booleans.to_body(*box((2.0, 2.0, -1.0), (6.0, 5.0, 7.0)), "channel")
+    return booleans.from_body(block - channel)
 
 
 def solid_of(*surfaces: tuple[np.ndarray, np.ndarray], pores: tuple[float, ...] = (72.0,)):
@@ -260,10 +258,10 @@ def test_a_solid_without_pores_has_none_to_connect():
 def struts_and_throats(**asked: object) -> Metrics:
     """Measure a block of two cells, a slit of 1 mm cut between them but for a bar of 2 x 2 mm in the middle."""
     outer = outer_of(box((0.0, 0.0, 0.0), (20.0, 10.0, 10.0)))
-    slit = solids.to_body(*box((9.5, -1.0, -1.0), (10.5, 11.0, 11.0)), "slit")
-    bar = solids.to_body(*box((9.0, 4.0, 4.0), (11.0, 6.0, 6.0)), "bar")
-    block = solids.to_body(outer.vertices, outer.faces, "block") - (slit - bar)
-    solid = Solid(*solids.from_body(block), pore_volumes=np.array([1.0]))
+    slit = booleans.to_body(*box((9.5, -1.0, -1.0), (10.5, 11.0, 11.0)), "slit")
+    bar = booleans.to_body(*box((9.0, 4.0, 4.0), (11.0, 6.0, 6.0)), "bar")
+    block = booleans.to_body(outer.vertices, outer.faces, "block") - (slit - bar)
+    solid = Solid(*booleans.from_body(block), pore_volumes=np.array([1.0]))
     off = {"gate_porosity": False, "gate_interrupted": False, "morphometry": False}
     params = MeasureParams.model_validate({**off, **asked})
     return measure(solid, outer, porous(), field(), hexahedra((2, 1, 1), edge=10.0), params=params)
@@ -376,8 +374,8 @@ def test_a_closed_pore_is_closed_porosity():
 def thin():
     """Return two plates of 0.5 mm, and one of 0.5 mm that joins them."""
     plates = [box((x, 0.0, 0.0), (x + 0.5, 8.0, 6.0)) for x in (0.0, 9.5)]
-    bodies = [solids.to_body(*plate, "plate") for plate in (*plates, box((0.0, 0.0, 0.0), (10.0, 8.0, 0.5)))]
-    return solids.from_body(bodies[0] + bodies[1] + bodies[2])
+    bodies = [booleans.to_body(*plate, "plate") for plate in (*plates, box((0.0, 0.0, 0.0), (10.0, 8.0, 0.5)))]
+    return booleans.from_body(bodies[0] + bodies[1] + bodies[2])
 
 
 def test_voxels_are_refined_until_struts_have_three():

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_pipeline.artifacts import OuterShape
+from scaffold_pipeline.artifacts import Certificate, Metrics, OuterShape, ScalarField
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import Certificate, ScalarField
-from scaffold_pipeline.measurements import Metrics
 from scaffold_stages.measure_field import MeasureFieldParams, measure_field
 from shapes import box
 

@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scaffold_pipeline.artifacts import Solid
-from scaffold_pipeline.contract import stage_from_function
-from scaffold_pipeline.fields import Certificate, ScalarField
-from scaffold_pipeline.measurements import Metrics
-from scaffold_pipeline.polygons import Contour, Polygons
-from scaffold_stages._kernels.sections import prism
+from scaffold_geometry.planar.regions import prism
+from scaffold_pipeline.artifacts import Certificate, Contour, Metrics, Polygons, ScalarField, Solid
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.measure_plate import MeasurePlateParams, measure_plate
 from shapes import box, squares, together
 

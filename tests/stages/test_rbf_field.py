@@ -21,12 +21,11 @@ from kernels.oracle import (
     phi,
     to_segment,
 )
-from scaffold_pipeline.artifacts import CellMesh, OuterShape, PlanarMesh, VolumeMesh
-from scaffold_pipeline.cell_types import CELL_TYPES
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_geometry.fields import interpolation, sampling
+from scaffold_pipeline.artifacts import CellMesh, Certificate, OuterShape, PlanarMesh, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.fields import Certificate, ScalarField
-from scaffold_stages._fields import interpolation, sampling
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 from scaffold_stages.intersect_outer import IntersectOuterParams, intersect_outer
 from scaffold_stages.isosurface import IsosurfaceParams, isosurface

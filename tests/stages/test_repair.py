@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import scaffold_stages._surfaces.repair as repair_module
+import scaffold_geometry.surfaces.repair.modes as repair_module
 import scaffold_stages.load_surface as load_surface_module
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.repair import displacement, hole_triangulation, holes
+from scaffold_geometry.surfaces.repair.log import TURNED, Account
+from scaffold_geometry.surfaces.self_intersections import crossing_faces
 from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._kernels import triangles
-from scaffold_stages._surfaces import comparison, holes, spanning
-from scaffold_stages._surfaces.account import TURNED, Account
-from scaffold_stages._surfaces.crossings import crossing_faces
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 from shapes import ball, box, inverted, require_closed, together, volume_of
 
@@ -353,7 +353,7 @@ def test_what_cannot_be_cut_in_time_is_rebuilt_on_a_grid(monkeypatch: pytest.Mon
     def give_up(**_arrays: np.ndarray):
         raise StageError("gave no result within 300 s")
 
-    monkeypatch.setattr(repair_module.arrangement, "arranged", give_up)
+    monkeypatch.setattr(repair_module.self_intersections, "arranged", give_up)
     outer = loaded(tmp_path, BALL, repair="rebuild", tolerance=1.0)
     require_sound(outer)
     assert note_of(outer, "rebuilt from").endswith("as gave no result within 300 s")
@@ -362,7 +362,7 @@ def test_what_cannot_be_cut_in_time_is_rebuilt_on_a_grid(monkeypatch: pytest.Mon
 
 @pytest.mark.usefixtures("in_children")
 def test_a_failure_in_the_child_names_the_file_and_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setattr(load_surface_module.crossings, "crossing_faces", os._exit)
+    monkeypatch.setattr(load_surface_module.self_intersections, "crossing_faces", os._exit)
     with pytest.raises(StageError, match=r"planted\.obj could not be searched.*set `repair: rebuild`"):
         loaded(tmp_path, CUBE)
 
@@ -382,7 +382,7 @@ def test_a_concave_hole_in_a_plane_is_spanned_without_folds():
     outline = np.array([(0, 0), (4, 0), (4, 4), (2, 1), (0, 4)], float)
     rim = np.column_stack([outline, np.zeros(5)])
     upwards = np.tile([0.0, 0.0, 1.0], (5, 1))
-    triangulation = spanning.spanned(rim, np.arange(5), upwards, np.empty((0, 3), np.int64))
+    triangulation = hole_triangulation.spanned(rim, np.arange(5), upwards, np.empty((0, 3), np.int64))
     a, b, c = np.moveaxis(rim[triangulation], 1, 0)
     areas = np.cross(b - a, c - a)[:, 2] / 2.0
     assert (areas > 0.0).all()
@@ -394,11 +394,11 @@ def test_the_distance_found_is_that_by_which_a_surface_was_moved():
     moved = vertices.copy()
     top = int(np.argmax(vertices[:, 2]))
     moved[top, 2] += 0.7
-    found = comparison.moved(BALL, (moved, faces), (moved, faces), 0.05)
+    found = displacement.moved(BALL, (moved, faces), (moved, faces), 0.05)
     assert found.gained.distance == pytest.approx(0.7)
     assert found.gained.place == pytest.approx(moved[top])
     assert 0.0 < found.lost.distance < 0.7
-    assert comparison.moved(BALL, BALL, BALL, 0.05).gained.distance == 0.0
+    assert displacement.moved(BALL, BALL, BALL, 0.05).gained.distance == 0.0
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="the shared data is not beside this checkout")

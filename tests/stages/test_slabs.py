@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from kernels.shepard_oracle import graded
+from scaffold_geometry.fields import slabs
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._fields import slabs
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 from stages.test_arbf_field import boundary, volume
 

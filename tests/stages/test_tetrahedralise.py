@@ -11,9 +11,9 @@ import pytest
 from pydantic import ValidationError
 
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
-from scaffold_pipeline.cell_types import cell_volumes
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_pipeline.artifacts.cells import cell_volumes
 from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages import tetrahedralise as module
 from scaffold_stages.tetrahedralise import TetrahedraliseParams, tetrahedralise
 from shapes import ball, box, outer_of, tetrahedra

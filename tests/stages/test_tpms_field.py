@@ -9,13 +9,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_pipeline.artifacts import OuterShape, Solid
-from scaffold_pipeline.contract import stage_from_function
+from scaffold_geometry.fields import sampling
+from scaffold_geometry.fields.tpms import SURFACES
+from scaffold_pipeline.artifacts import Metrics, OuterShape, ScalarField, Solid
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import ScalarField
-from scaffold_pipeline.measurements import Metrics
-from scaffold_stages._fields import sampling
-from scaffold_stages._kernels.tpms import SURFACES
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.intersect_outer import IntersectOuterParams, intersect_outer
 from scaffold_stages.isosurface import IsosurfaceParams, isosurface
 from scaffold_stages.measure import MeasureParams, measure

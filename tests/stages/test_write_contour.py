@@ -12,7 +12,7 @@ from lxml import etree
 from pydantic import ValidationError
 from skimage.io import imread
 
-from scaffold_pipeline.polygons import Contour, Polygons
+from scaffold_pipeline.artifacts import Contour, Polygons
 from scaffold_stages.contour import ContourParams, contour
 from scaffold_stages.write_contour import WriteContourParams, write_contour
 from shapes import planar_field, squares

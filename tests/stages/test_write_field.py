@@ -7,9 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from scaffold_pipeline.artifacts import OuterShape
+from scaffold_pipeline.artifacts import OuterShape, ScalarField
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.fields import ScalarField
 from scaffold_stages import write_field as module
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field
 from scaffold_stages.write_field import WriteFieldParams, write_field

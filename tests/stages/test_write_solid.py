@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from scaffold_geometry.drawing import renders
+from scaffold_geometry.files.solids.formats import FORMATS, FileFormat
 from scaffold_pipeline.artifacts import Solid
-from scaffold_pipeline.contract import stage_from_function
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_stages._kernels import picture
-from scaffold_stages._solid_files.formats import FORMATS, FileFormat
+from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.write_solid import WriteSolidParams, write_solid
 
 ALL = ("stl", "3mf", "obj", "ply", "glb")
@@ -166,7 +166,7 @@ def test_a_picture_that_cannot_be_drawn_is_a_warning(tmp_path: Path, monkeypatch
     def die(*_: object, **__: object) -> None:
         raise StageError("was ended by SIGSEGV")
 
-    monkeypatch.setattr(picture, "call_in_child", die)
+    monkeypatch.setattr(renders, "call_in_child", die)
 
     with pytest.warns(PipelineWarning, match=r"no preview\.png was drawn: .*SIGSEGV.*libegl1 and libgl1-mesa-dri"):
         facts = write_solid(ONE, params=WriteSolidParams(), out=tmp_path).facts
@@ -177,7 +177,7 @@ def test_a_picture_that_cannot_be_drawn_is_a_warning(tmp_path: Path, monkeypatch
 
 def test_the_picture_is_what_was_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     drawn = {"png": np.frombuffer(b"\x89PNG", np.uint8)}
-    monkeypatch.setattr(picture, "call_in_child", lambda *_, **__: drawn)
+    monkeypatch.setattr(renders, "call_in_child", lambda *_, **__: drawn)
 
     facts = write_solid(ONE, params=WriteSolidParams(), out=tmp_path).facts
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scaffold_geometry.files.solids import glb, three_mf
+from scaffold_geometry.files.solids.formats import FORMATS, FileFormat
+from scaffold_geometry.files.solids.model import Mesh, Model
 from scaffold_pipeline.artifacts import Solid
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._solid_files import glb, three_mf
-from scaffold_stages._solid_files.formats import FORMATS, FileFormat
-from scaffold_stages._solid_files.model import Mesh, Model
 from scaffold_stages.write_solid import WriteSolidParams, write_solid
 
 READERS = [(kind, name) for kind, form in FORMATS.items() for name in form.readers]

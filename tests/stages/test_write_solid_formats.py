@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from scaffold_geometry.files.solids.formats import FORMATS
 from scaffold_pipeline.artifacts import Solid
-from scaffold_stages._solid_files.formats import FORMATS
 from scaffold_stages.write_solid import WriteSolidParams, write_solid
 
 HASH = "0123456789abcdef" * 4

@@ -8,13 +8,13 @@ import pytest
 import trimesh
 
 import shapes
+from scaffold_geometry.files.solids import pore_space as module
+from scaffold_geometry.files.solids.formats import FORMATS, FileFormat
+from scaffold_geometry.files.solids.model import Mesh, Model
+from scaffold_geometry.files.solids.pore_space import pore_space
+from scaffold_geometry.surfaces.booleans import from_body, to_body
 from scaffold_pipeline.artifacts import OuterShape, Solid
 from scaffold_pipeline.errors import StageError
-from scaffold_stages._kernels.solids import from_body, to_body
-from scaffold_stages._solid_files import pore_space as module
-from scaffold_stages._solid_files.formats import FORMATS, FileFormat
-from scaffold_stages._solid_files.model import Mesh, Model
-from scaffold_stages._solid_files.pore_space import pore_space
 from scaffold_stages.write_solid import WriteSolidParams, write_solid
 
 Size = tuple[float, float, float]

@@ -23,16 +23,16 @@ from packaging.requirements import Requirement
 
 from scaffold_pipeline import __version__
 from scaffold_pipeline.artifacts import Fact
-from scaffold_pipeline.cores import thread_count
+from scaffold_pipeline.config.plan import Plan
+from scaffold_pipeline.config.yaml_source import to_yaml
 from scaffold_pipeline.errors import PipelineError
-from scaffold_pipeline.plan import Plan
-from scaffold_pipeline.records import config_hash
-from scaffold_pipeline.registry import stage_owners
+from scaffold_pipeline.processes.threads import thread_count
 from scaffold_pipeline.report.page import render_page
 from scaffold_pipeline.report.sources import CONFIG, MEASURES, METRICS, PAGE, RECORD, read_record, read_sources
-from scaffold_pipeline.runner import STORE, RunResult, locked
-from scaffold_pipeline.store import Store, hash_file
-from scaffold_pipeline.yaml_source import to_yaml
+from scaffold_pipeline.run.records import config_hash
+from scaffold_pipeline.run.runner import STORE, RunResult, locked
+from scaffold_pipeline.run.store import Store, hash_file
+from scaffold_pipeline.stages.registry import stage_owners
 
 _STAGING = ".publish-"
 

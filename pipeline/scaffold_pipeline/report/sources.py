@@ -10,7 +10,7 @@ from typing import Any
 
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.errors import PipelineError
-from scaffold_pipeline.store import hash_file
+from scaffold_pipeline.run.store import hash_file
 
 RECORD = "run.json"
 METRICS = "metrics.json"

@@ -13,11 +13,10 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Artifact, Fact, Floats
-from scaffold_pipeline.contract import Follows, InputFile, Millimetres, Params, Unit, stage
-from scaffold_pipeline.cores import thread_count
+from scaffold_pipeline.artifacts import Artifact, Fact, Floats, Metrics
 from scaffold_pipeline.errors import PipelineWarning, StageError
-from scaffold_pipeline.measurements import Metrics
+from scaffold_pipeline.processes.threads import thread_count
+from scaffold_pipeline.stages.contract import Follows, InputFile, Millimetres, Params, Unit, stage
 
 
 @dataclass(frozen=True, eq=False)

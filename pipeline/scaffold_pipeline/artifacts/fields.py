@@ -1,0 +1,124 @@
+"""Fields between stages: values on a regular grid, and the certificate of what they will connect."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.artifacts.meshes import Artifact, Fact, Floats
+from scaffold_pipeline.errors import StageError
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate(Artifact):
+    """What a field promises of connectivity before any voxel is computed (sampled along each segment).
+
+    `channel_maxima` (n,) greatest s on each channel, `strut_minima` (m,) least s on each mesh edge. `channel_rings`
+    (n, 3) and `strut_rings` (m, 3) are the same on rings around each, `RING_SHARES` of `voxel_size` (mm) away; None
+    where that was not looked at.
+    """
+
+    RING_SHARES: ClassVar[tuple[float, ...]] = (1.0, 0.5, 0.25)
+    """A strut is thinner than two voxels where it is void at one voxel from its axis; the rest tells what would do."""
+
+    channel_maxima: Floats
+    strut_minima: Floats
+    channel_rings: Floats | None = None
+    strut_rings: Floats | None = None
+    voxel_size: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("channel_maxima", "strut_minima"):
+            self._own(name, np.float64, (None,))
+        for name in ("channel_rings", "strut_rings"):
+            if getattr(self, name) is not None:
+                self._own(name, np.float64, (None, len(self.RING_SHARES)))
+        super().__post_init__()
+
+    @property
+    def channel_max(self) -> float:
+        """Greatest s on any channel: every pore is joined to its neighbours at an iso above it."""
+        return float(self.channel_maxima.max())
+
+    @property
+    def strut_min(self) -> float:
+        """Least s on any strut: every strut is whole at an iso below it."""
+        return float(self.strut_minima.min())
+
+    def at(self, iso: float) -> dict[str, Fact]:
+        """Return the window, how many channels are closed and struts broken at `iso`, and how many are too thin."""
+        return {
+            "channel_max": self.channel_max,
+            "strut_min": self.strut_min,
+            "channels": len(self.channel_maxima),
+            "channels_closed": int((self.channel_maxima >= iso).sum()),
+            "struts": len(self.strut_minima),
+            "struts_broken": int((self.strut_minima <= iso).sum()),
+            "under_resolved": None if (counts := self._thin(iso)) is None else counts[0],
+        }
+
+    def resolving_voxel_size(self, iso: float) -> float | None:
+        """Return the greatest of the sizes tried, mm, at which no strut or channel is thinner than two voxels."""
+        counts = self._thin(iso) or []
+        enough = [share for share, count in zip(self.RING_SHARES, counts, strict=False) if not count]
+        return self.voxel_size * enough[0] if enough else None
+
+    def _thin(self, iso: float) -> list[int] | None:
+        """Return how many struts and channels are thinner than two voxels, for each of the ring shares."""
+        if self.channel_rings is None or self.strut_rings is None:
+            return None
+        counts: list[int] = ((self.channel_rings >= iso).sum(axis=0) + (self.strut_rings <= iso).sum(axis=0)).tolist()
+        return counts
+
+
+@dataclass(frozen=True, eq=False)
+class ScalarField(Artifact):
+    """A field on a regular grid: solid where it is above the iso-value, void elsewhere.
+
+    `values` (nx, ny, nz) float32, value [i, j, k] at `origin + spacing * (i, j, k)` mm; `origin` (3,) mm;
+    `spacing` mm, the same along all axes; one layer along z is a planar field or a section. `facts` are what the maker
+    measured. `point_values` (n,) is the field itself at `points` (n, 3) mm that were asked for. `pore_networks` counts
+    the separate networks that its pores form by design: a sheet between two labyrinths has two.
+    """
+
+    values: NDArray[np.float32]
+    origin: Floats
+    spacing: float
+    certificate: Certificate | None = None
+    facts: Mapping[str, Fact] = field(default_factory=dict)
+    points: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    point_values: Floats = field(default_factory=lambda: np.empty(0))
+    pore_networks: int = 1
+
+    def __post_init__(self) -> None:
+        self._own("values", np.float32, (None, None, None))
+        self._own("origin", np.float64, (3,))
+        self._own("points", np.float64, (None, 3))
+        self._own("point_values", np.float64, (len(self.points),))
+        if not 0.0 < self.spacing < np.inf:
+            raise StageError(f"ScalarField.spacing: must be a positive length, got {self.spacing}")
+        if min(self.values.shape[:2]) < 2 or not self.values.size:  # noqa: PLR2004 - a square has two along each axis
+            raise StageError(
+                f"ScalarField.values: needs two samples along x and y, one along z, got {self.values.shape}"
+            )
+        super().__post_init__()
+
+    def summary(self) -> dict[str, Fact]:
+        """Return the grid's size, the range of values and the certificate's window."""
+        window = self.certificate and {
+            "channel_max": self.certificate.channel_max,
+            "strut_min": self.certificate.strut_min,
+        }
+        return {
+            "voxels": int(self.values.size),
+            "voxel_size": self.spacing,
+            "grid": " x ".join(map(str, self.values.shape)),
+            "least_value": float(self.values.min()),
+            "greatest_value": float(self.values.max()),
+            **(window or {}),
+            **self.facts,
+        }

@@ -1,0 +1,1 @@
+"""The command scaffold-pipeline: arguments to calls; it decides nothing."""

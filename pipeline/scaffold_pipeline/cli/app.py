@@ -1,0 +1,285 @@
+"""The command `scaffold-pipeline`: arguments to calls.
+
+What only one command needs is imported inside it, so that `--help` answers at once.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, CycloptsError, Parameter
+
+from scaffold_pipeline import __version__
+from scaffold_pipeline.cli.options import (
+    FAILED,
+    GATE_FAILED,
+    INTERRUPTED,
+    USAGE,
+    CacheFolder,
+    Json,
+    Quiet,
+    Settings,
+    answer,
+    chosen_cache,
+)
+from scaffold_pipeline.cli.provenance import crate, report, verify
+from scaffold_pipeline.cli.study import cache, study
+from scaffold_pipeline.errors import lines_and_code
+from scaffold_pipeline.processes.threads import use_one_blas_thread
+
+if TYPE_CHECKING:
+    from scaffold_pipeline.artifacts import Fact
+    from scaffold_pipeline.config.plan import Plan
+
+_DEBUG = "--debug"
+
+app = App(
+    name="scaffold-pipeline",
+    help="From an anatomical surface to a printable porous scaffold.",
+    help_epilogue=(
+        "Exit codes: 0 ok; 1 a stage failed; 2 configuration or usage; 3 a quality gate failed; 130 interrupted. "
+        "Every command takes --debug, which shows a traceback with an error."
+    ),
+    version=__version__,
+    default_parameter=Parameter(negative=()),
+    result_action="return_value",
+    suppress_keyboard_interrupt=False,
+)
+
+
+@app.command
+def run(  # noqa: PLR0913 - one argument an option
+    config: Path,
+    *,
+    out: Path | None = None,
+    settings: Settings = [],  # noqa: B006 - cyclopts reads it, nothing writes it
+    until: str | None = None,
+    force: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
+    dry_run: Annotated[bool, Parameter(name=["--dry-run", "-n"])] = False,
+    cache_folder: CacheFolder = None,
+    scheduler: str | None = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> int:
+    """Run one config; stages whose inputs and parameters are unchanged are not run again.
+
+    Parameters
+    ----------
+    config
+        The YAML file that says what to run.
+    out
+        Run directory; runs/NAME by default.
+    until
+        Stop after this stage; the run directory's files stay as they are.
+    force
+        Run all stages again, or those named here; give it after CONFIG.
+    dry_run
+        Print what would run, and run nothing.
+    scheduler
+        Address of a Dask scheduler whose workers compute large fields in slabs; all else is computed here.
+    """
+    from scaffold_pipeline.cli.console import watch
+    from scaffold_pipeline.report.publish import publish, run_metrics
+    from scaffold_pipeline.run import runner
+    from scaffold_pipeline.study.cluster import cluster_executor
+
+    plan = _plan(config, settings)
+    folder = out or Path("runs", plan.name)
+    forced = [plan.require_label(name, "force") for name in force] if force else plan.labels if force == [] else []
+    last = plan.labels.index(plan.require_label(until, "until")) if until else len(plan.labels) - 1
+    shared = chosen_cache(cache_folder)
+    if dry_run:
+        wanted, unchanged = plan.labels[: last + 1], runner.unchanged_labels(plan, folder, forced, shared)
+        reused = [label for label in wanted if label in unchanged]
+        lines = [f"{label}: {'unchanged' if label in reused else 'to run'}" for label in wanted]
+        return answer({"stages": wanted, "unchanged": reused}, "\n".join(lines), as_json=as_json)
+    with cluster_executor(scheduler) as others, runner.locked(folder), watch(quiet=quiet or as_json) as progress:
+        result = runner.execute(
+            plan, folder, until=until, force=forced, progress=progress, cache=shared, executor=others
+        )
+        if result.is_complete:
+            publish(plan, result, folder)
+    if shared is not None:
+        shared.prune()
+    if not result.is_complete:
+        return answer({"out": str(folder), "until": until}, f"stopped after {until}", as_json=as_json)
+    failed = result.metrics.failed_gates if result.metrics else ()
+    told = {"out": str(folder), "metrics": run_metrics(result), "files": result.files}
+    answer(told, "" if quiet else _closing_words(folder, run_metrics(result)), as_json=as_json)
+    for gate in failed:
+        print(f"{folder}: quality gate failed: {gate}", file=sys.stderr)
+    return GATE_FAILED if failed else 0
+
+
+@app.command
+def validate(config: Path, *, settings: Settings = [], as_json: Json = False) -> int:  # noqa: B006 - as in run
+    """Check a config or a study, without running it: every fault with file:line:column.
+
+    Parameters
+    ----------
+    config
+        The YAML file to check.
+    """
+    from scaffold_pipeline.study.file import is_study, read_study
+
+    if is_study(config):
+        names = [point.name for point in read_study(config, settings).points]
+        return answer({"valid": True, "points": names}, f"{config}: ok, {len(names)} points", as_json=as_json)
+    plan = _plan(config, settings)
+    return answer({"valid": True, "stages": plan.labels}, f"{config}: ok, {len(plan.steps)} stages", as_json=as_json)
+
+
+@app.command
+def stages(name: str | None = None, *, markdown: bool = False) -> int:
+    """List the installed stages, or tell the parameters of one.
+
+    Parameters
+    ----------
+    name
+        The stage to describe.
+    markdown
+        Print the table that the README shows.
+    """
+    from scaffold_pipeline.stages.catalogue import describe, installed_stages, markdown_table, require_stage
+    from scaffold_pipeline.stages.contract import Stage
+
+    if name is not None:
+        print(describe(require_stage(name)))
+    elif markdown:
+        print(markdown_table())
+    else:
+        for stage in installed_stages():
+            print(f"{stage.name:18} {stage.summary}" if isinstance(stage, Stage) else f"broken: {stage}")
+    return 0
+
+
+@app.command
+def schema() -> int:
+    """Print the JSON Schema of a config, installed plug-ins included."""
+    from scaffold_pipeline.stages.catalogue import config_schema
+
+    return answer(config_schema(), "", as_json=True)
+
+
+@app.command
+def new(folder: Path, *, example: str = "femoral_head") -> int:
+    """Write a starter config and its schema into FOLDER.
+
+    Parameters
+    ----------
+    folder
+        Where to write config.yaml and schema.json; made if need be.
+    example
+        Which example to start from.
+    """
+    from scaffold_pipeline.config.starter import write_example
+
+    path = write_example(folder, example)
+    print(f"wrote {path}; next: scaffold-pipeline run {path}")
+    return 0
+
+
+@app.command
+def inspect(file: Path, *, units: str | None = None, as_json: Json = False) -> int:
+    """Measure any surface or solid file: size, volume, manifoldness, pieces.
+
+    Parameters
+    ----------
+    file
+        STL, OBJ, PLY, OFF, 3MF, GLB, VTP or legacy VTK.
+    units
+        mm, cm, m or inch; without it the file's own, or mm.
+    """
+    from scaffold_pipeline.stages.inspection import inspect_file
+
+    facts = inspect_file(file, units)
+    return answer(facts, "\n".join(f"{key}: {value}" for key, value in facts.items()), as_json=as_json)
+
+
+@app.command
+def compare(
+    first: Annotated[Path, Parameter(name="A")],
+    second: Annotated[Path, Parameter(name="B")],
+    /,
+    *,
+    show_all: Annotated[bool, Parameter(name="--all")] = False,
+    as_json: Json = False,
+) -> int:
+    """Set two runs side by side: configs, inputs, metrics, hashes of artifacts and files, versions.
+
+    Times and memory are left out: they differ between any two runs.
+
+    Parameters
+    ----------
+    first
+        Directory of a finished run.
+    second
+        Directory of the other.
+    show_all
+        Show what is equal in both too.
+    """
+    from scaffold_pipeline.provenance.compare import compare_runs, to_lines
+
+    compared = compare_runs(first, second, show_all=show_all)
+    told = {section: [asdict(line) for line in lines] for section, lines in compared.items()}
+    return answer({"a": str(first), "b": str(second), **told}, "\n".join(to_lines(compared)), as_json=as_json)
+
+
+app.command(study)
+app.command(cache)
+app.command(verify)
+app.command(report)
+app.command(crate)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run one command and return its exit code; every failure is a line on standard error."""
+    use_one_blas_thread()
+    tokens = list(sys.argv[1:] if arguments is None else arguments)
+    debug = _DEBUG in tokens
+    tokens = [token for token in tokens if token != _DEBUG]
+    try:
+        code = int(app(tokens, exit_on_error=False, print_error=False) or 0)
+        sys.stdout.flush()
+    except BrokenPipeError:  # `| head` has read enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except KeyboardInterrupt:
+        return _failed("interrupted; the same command goes on with the stages that are finished", INTERRUPTED, tokens)
+    except Exception as error:  # noqa: BLE001 - a user meets lines, not tracebacks
+        if debug:
+            traceback.print_exc()
+        return _failed(*_told(error), tokens)
+    return code
+
+
+def _plan(config: Path, settings: list[str]) -> Plan:
+    from scaffold_pipeline.config.draft import read_draft
+    from scaffold_pipeline.config.plan import make_plan
+
+    return make_plan(read_draft(config, settings))
+
+
+def _closing_words(folder: Path, metrics: dict[str, Fact]) -> str:
+    asked, got = metrics.get("porosity_requested"), metrics.get("porosity")
+    porosity = f"porosity {got:.3f}" if isinstance(got, float) else "porosity not measured"
+    wanted = f" (asked {asked:.3f})" if isinstance(asked, float) else ""
+    quality = metrics["quality"] if isinstance(metrics["quality"], str) else "FAILED"
+    return f"{folder}: {porosity}{wanted}, quality: {quality}; see {folder / 'report.html'}"
+
+
+def _told(error: Exception) -> tuple[str, int]:
+    """Return the lines and the exit code that an error becomes."""
+    return (str(error), USAGE) if isinstance(error, CycloptsError) else lines_and_code(error)
+
+
+def _failed(message: str, code: int, tokens: list[str]) -> int:
+    print(message, file=sys.stderr)
+    if "--json" in tokens:
+        answer({"error": message.splitlines(), "exit_code": code}, "", as_json=True)
+    return code

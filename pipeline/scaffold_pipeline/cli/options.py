@@ -1,0 +1,48 @@
+"""What the commands have in common: exit codes, options, and how they answer."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from scaffold_pipeline.run.cache import Cache
+
+INTERRUPTED = 130
+GATE_FAILED = 3
+USAGE = 2
+FAILED = 1
+
+Settings = Annotated[list[str], Parameter(name="--set", help="Override a value: stage.key=value; may be repeated.")]
+Quiet = Annotated[bool, Parameter(help="Say nothing but errors.")]
+Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on standard output and nothing else.")]
+DryRun = Annotated[bool, Parameter(name=["--dry-run", "-n"])]
+CacheFolder = Annotated[
+    Path | None,
+    Parameter(name="--cache", help="Share results with other runs in this folder; SCAFFOLD_PIPELINE_CACHE by default."),
+]
+
+
+def answer(value: object, text: str, *, as_json: bool) -> int:
+    """Print a command's answer, as JSON or as text, and return exit code 0."""
+    if as_json:
+        import json
+
+        print(json.dumps(value, indent=2, ensure_ascii=False))
+    elif text:
+        print(text)
+    return 0
+
+
+def chosen_cache(folder: Path | None) -> Cache | None:
+    """Return the cache that the user names, here or in the environment, with the limit that stands there, or None."""
+    from scaffold_pipeline.run.cache import DEFAULT_LIMIT, FOLDER_VARIABLE, LIMIT_VARIABLE, Cache, parse_size
+
+    chosen = folder or os.environ.get(FOLDER_VARIABLE)
+    if not chosen:
+        return None
+    limit = parse_size(os.environ.get(LIMIT_VARIABLE) or DEFAULT_LIMIT, LIMIT_VARIABLE)
+    return Cache(Path(chosen).expanduser().absolute(), limit)

@@ -1,0 +1,179 @@
+"""The commands on many runs: `study`, and `cache` for what they share."""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import App, Parameter
+from cyclopts.validators import Number
+
+from scaffold_pipeline.cli.options import (
+    FAILED,
+    GATE_FAILED,
+    CacheFolder,
+    DryRun,
+    Json,
+    Quiet,
+    Settings,
+    answer,
+    chosen_cache,
+)
+from scaffold_pipeline.errors import ConfigError, Fault
+
+if TYPE_CHECKING:
+    from scaffold_pipeline.run.cache import Cache
+    from scaffold_pipeline.study.study import Site
+    from scaffold_pipeline.study.table import PointState
+
+CacheName = Annotated[Path | None, Parameter(help="The cache's folder; SCAFFOLD_PIPELINE_CACHE by default.")]
+
+cache = App(name="cache", help="See and prune what runs share.", default_parameter=Parameter(negative=()))
+
+
+def study(  # noqa: PLR0913 - one argument an option
+    study_file: Annotated[Path, Parameter(name="STUDY")],
+    /,
+    *,
+    out: Path | None = None,
+    settings: Settings = [],  # noqa: B006 - cyclopts reads it, nothing writes it
+    workers: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
+    scheduler: str | None = None,
+    keep_going: bool = False,
+    dry_run: DryRun = False,
+    yes: bool = False,
+    cache_folder: CacheFolder = None,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> int:
+    """Run a config over all that a study varies; points that are finished are not run again.
+
+    Parameters
+    ----------
+    study_file
+        The YAML file that says what varies.
+    out
+        The study's folder; studies/NAME by default.
+    workers
+        Points that run at once, sharing the cores; by default one a core, and no more than fit into memory.
+    scheduler
+        Address of a Dask scheduler whose workers see the study's folder: they run the points, by default one each.
+    keep_going
+        Go on with the other points after one has failed.
+    dry_run
+        Print the points, what of them is stored and the work that is left; run nothing.
+    yes
+        Take on a study of thousands of points.
+    """
+    from scaffold_pipeline.cli.console import watch_study
+    from scaffold_pipeline.study.cluster import cluster_crew
+    from scaffold_pipeline.study.file import read_study
+    from scaffold_pipeline.study.study import run_study, survey
+    from scaffold_pipeline.study.workers import local_crew
+
+    asked = read_study(study_file, settings, may_be_large=yes)
+    folder, shared = out or Path("studies", asked.name), chosen_cache(cache_folder)
+    if dry_run:
+        return _tell_outlook(survey(asked, folder, shared), as_json=as_json)
+    hire = partial(cluster_crew, scheduler, count=workers) if scheduler else partial(local_crew, count=workers)
+    with watch_study(quiet=quiet or as_json) as watcher:
+        states = run_study(asked, folder, cache=shared, hire=hire, keep_going=keep_going, watcher=watcher)
+    if shared is not None:
+        shared.prune()
+    return _tell_end(folder, states, quiet=quiet, as_json=as_json)
+
+
+def _tell_outlook(sites: list[Site], *, as_json: bool) -> int:
+    from scaffold_pipeline.study.study import work_left
+
+    points = [
+        {
+            "point": site.point.name,
+            "done": site.is_done,
+            "unchanged": [label for label in site.recipes if label in site.unchanged],
+            "to_run": [label for label in site.recipes if label not in site.unchanged],
+        }
+        for site in sites
+    ]
+    lines = [f"{point['point']}: {_outlook(point)}" for point in points]
+    left, done = work_left(sites), sum(site.is_done for site in sites)
+    lines.append(f"{len(points)} points, {done} done; {left} results to compute, each once for all that share it")
+    return answer({"points": points, "results_to_compute": left}, "\n".join(lines), as_json=as_json)
+
+
+def _outlook(point: dict[str, object]) -> str:
+    if point["done"]:
+        return "done"
+    to_run = point["to_run"]
+    return f"to run: {', '.join(to_run)}" if isinstance(to_run, list) and to_run else "stored, to be written"
+
+
+def _tell_end(folder: Path, states: list[PointState], *, quiet: bool, as_json: bool) -> int:
+    failed = [state for state in states if state.status == "failed"]
+    gated = [state for state in states if state.gates]
+    done = sum(state.status == "done" for state in states)
+    saved = sum(state.seconds[1] for state in states)
+    text = f"{folder}: {done} of {len(states)} points done, {saved:.0f} s saved by sharing; see {folder / 'study.html'}"
+    points = [{"point": state.name, "status": state.status, "error": state.error} for state in states]
+    answer({"out": str(folder), "points": points}, "" if quiet else text, as_json=as_json)
+    for state in failed:
+        print(f"{state.name}: {state.error}", file=sys.stderr)
+    for state in gated:
+        print(f"{state.name}: quality gate failed: {'; '.join(state.gates)}", file=sys.stderr)
+    return FAILED if failed else GATE_FAILED if gated else 0
+
+
+@cache.command(name="size")
+def cache_size(folder: CacheName = None, *, as_json: Json = False) -> int:
+    """Tell how many results the cache holds, and its size."""
+    from scaffold_pipeline.report.wording import to_size
+
+    used = _named(folder)
+    count, size = len(used.entries()), used.size()
+    return answer({"results": count, "bytes": size}, f"{used.root}: {count} results, {to_size(size)}", as_json=as_json)
+
+
+@cache.command(name="list")
+def cache_list(folder: CacheName = None, *, as_json: Json = False) -> int:
+    """List the results in the cache, last used first."""
+    from datetime import UTC, datetime
+
+    from scaffold_pipeline.report.wording import to_duration, to_size
+
+    told, lines = [], []
+    for entry in _named(folder).entries():
+        count, used = sum(entry.files.values()), datetime.fromtimestamp(entry.used, UTC).isoformat(timespec="seconds")
+        facts = {"key": entry.key, "stage": entry.stage, "version": entry.version, "seconds": entry.seconds}
+        told.append({**facts, "bytes": count, "used": used})
+        made = f"{to_size(count)}, made in {to_duration(entry.seconds)}, used {used}"
+        lines.append(f"{entry.key[:12]}  {entry.stage} (version {entry.version}): {made}")
+    return answer(told, "\n".join(lines), as_json=as_json)
+
+
+@cache.command(name="prune")
+def cache_prune(folder: CacheName = None, *, keep: str | None = None, as_json: Json = False) -> int:
+    """Drop what was used longest ago.
+
+    Parameters
+    ----------
+    keep
+        The size to get below, such as 5 GB; SCAFFOLD_PIPELINE_CACHE_LIMIT or 20 GB by default, 0 B drops everything.
+    """
+    from scaffold_pipeline.report.wording import to_size
+    from scaffold_pipeline.run.cache import parse_size
+
+    used = _named(folder)
+    freed = used.prune(None if keep is None else parse_size(keep, "--keep"))
+    return answer({"freed_bytes": freed}, f"{used.root}: {to_size(freed)} freed", as_json=as_json)
+
+
+def _named(folder: Path | None) -> Cache:
+    used = chosen_cache(folder)
+    if used is None:
+        message = "which cache? Give its folder, or set SCAFFOLD_PIPELINE_CACHE; a study's own is STUDY_FOLDER/cache"
+        raise ConfigError([Fault(0, 0, message, "cache")])
+    if not used.root.is_dir():
+        raise ConfigError([Fault(0, 0, "no such folder", str(used.root))])
+    return used

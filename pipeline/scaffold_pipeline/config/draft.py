@@ -1,0 +1,323 @@
+"""A YAML file and `--set` texts to a draft of what shall run: every fault found, each with its place.
+
+name: heel              # also the name of the run directory
+seed: 7                 # all randomness comes from it
+stages:
+  - use: load_surface   # a stage; `as: NAME` renames the slot it writes, `from: {argument: slot}` what it reads
+    path: heel.stl      # everything else is a parameter of the stage
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from scaffold_pipeline.config import yaml_source
+from scaffold_pipeline.config.yaml_source import Document
+from scaffold_pipeline.errors import ConfigError, Fault, StageDefinitionError, did_you_mean
+from scaffold_pipeline.stages.contract import InputFileMark, Params, Stage
+from scaffold_pipeline.stages.registry import load_stage
+
+_TOP_LEVEL = ("name", "seed", "stages")
+STUDY_KEYS = frozenset({"base", "runs", "vary"})
+"""Keys by which a study is told from a config."""
+_STAGE_WORDS = ("use", "as", "from")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+NAME_RULE = "must be letters, digits, dots, dashes and underscores, as it names a folder"
+_SLOT = re.compile(r"[a-z][a-z0-9_]*")
+_GREATEST_SEED = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class StageDraft:
+    """One entry of `stages:`; `stage` is None where no such stage is installed, `params` where they are invalid."""
+
+    index: int
+    use: str
+    stage: Stage | None
+    params: Params | None
+    given: frozenset[str] = frozenset()
+    slot: str | None = None
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def path(self) -> yaml_source.Path:
+        """Where the entry stands in the file."""
+        return ("stages", self.index)
+
+    def says(self, message: str) -> str:
+        """Return `message` with the entry named before it."""
+        return f"stages.{self.index} ({self.use}): {message}"
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A value to take the place of a config's own, `target` being stage.key, name or seed.
+
+    `place` is where it was asked for, as a fault without a message; its file paths are seen from `folder`.
+    """
+
+    target: str
+    value: object
+    place: Fault
+    folder: Path = Path()
+    form: str = "stage.parameter"
+
+    def fault(self, message: str) -> Fault:
+        """Return a fault where the setting was asked for."""
+        return replace(self.place, message=message)
+
+
+@dataclass(frozen=True)
+class Draft:
+    """What a file and the settings ask for, and what is wrong with it so far."""
+
+    name: str
+    seed: int
+    stages: tuple[StageDraft, ...]
+    document: Document
+    overrides: Mapping[yaml_source.Path, Setting]
+    faults: tuple[Fault, ...]
+
+    def fault(self, path: yaml_source.Path, message: str) -> Fault:
+        """Return a fault at `path`: in the file, or in the setting that put the value there."""
+        for length in range(len(path), 0, -1):
+            if path[:length] in self.overrides:
+                return self.overrides[path[:length]].fault(message)
+        return self.document.fault(path, message)
+
+
+def read_draft(path: Path, settings: Sequence[str] = ()) -> Draft:
+    """Read the configuration at `path` and apply `settings`, texts of the form `stage.key=value`.
+
+    Raises `ConfigError` where the file cannot be read or is not a YAML mapping; every later fault is kept in
+    the draft, so that the plan can add its own before all are shown.
+    """
+    return make_draft(
+        read_document(path, "a config is a mapping with the keys name, seed and stages"), read_settings(settings)
+    )
+
+
+def read_document(path: Path, rule: str) -> Document:
+    """Return the YAML mapping in the file at `path`; raises `ConfigError` where there is none, by `rule`."""
+    document = yaml_source.parse(_read_text(path), str(path))
+    if not isinstance(document.values, dict):
+        raise ConfigError([document.fault((), rule)])
+    return document
+
+
+def read_settings(texts: Sequence[str]) -> tuple[Setting, ...]:
+    """Return what texts of the form `stage.key=value` ask for, as `--set` takes them."""
+    settings = []
+    for text in texts:
+        target, sign, value = text.partition("=")
+        target = target.strip() if sign else ""
+        parsed = value if target == "name" else yaml_source.parse_scalar(value)
+        settings.append(Setting(target, parsed, Fault(0, 0, "", f"--set {text}"), form="stage.key=value"))
+    return tuple(settings)
+
+
+def make_draft(document: Document, settings: Sequence[Setting] = ()) -> Draft:
+    """Return the draft of a configuration that was read, with `settings` in the place of its own values."""
+    path = Path(document.source)
+    values = _unshared(document.values)
+    values.setdefault("name", path.stem)
+    setting_faults, overrides = _apply_settings(values, settings)
+    draft = Draft("", 0, (), document, overrides, ())
+    faults = [*document.faults, *setting_faults, *_top_level_faults(draft, values)]
+    entries = values.get("stages")
+    context = {"base": path.resolve().parent}
+    stages = []
+    for index, entry in enumerate(entries if isinstance(entries, list) else []):
+        stage_draft, found = _read_stage(draft, index, entry, context)
+        stages.append(stage_draft)
+        faults.extend(found)
+    name, seed = str(values["name"]), values.get("seed", 0)
+    return Draft(name, seed if isinstance(seed, int) else 0, tuple(stages), document, overrides, tuple(faults))
+
+
+def _unshared(value: Any) -> Any:  # noqa: ANN401 - a YAML tree
+    """Return a copy of a YAML tree in which an alias and what it stands for are two values."""
+    if isinstance(value, dict):
+        return {key: _unshared(entry) for key, entry in value.items()}
+    return [_unshared(entry) for entry in value] if isinstance(value, list) else value
+
+
+def _read_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8-sig")  # some editors put a byte-order mark first
+    except IsADirectoryError as error:
+        raise ConfigError([Fault(0, 0, "a config is a YAML file, but this is a directory", str(path))]) from error
+    except FileNotFoundError as error:
+        raise ConfigError([Fault(0, 0, "no such file; `scaffold-pipeline new DIR` writes one", str(path))]) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError([Fault(0, 0, "not a text file in UTF-8, so not a config", str(path))]) from error
+    except OSError as error:
+        raise ConfigError([Fault(0, 0, f"cannot be read: {error.strerror}", str(path))]) from error
+
+
+def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
+    if STUDY_KEYS & set(values):
+        command = f"`scaffold-pipeline study {draft.document.source}`"
+        yield draft.fault((), f"this is a study; start it with {command}")
+        return
+    for key in values:
+        if key not in _TOP_LEVEL:
+            yield draft.fault((str(key),), f"unknown key {key!r}{did_you_mean(str(key), _TOP_LEVEL)}")
+    name = values["name"]
+    if not (isinstance(name, str) and NAME.fullmatch(name)):
+        yield draft.fault(("name",), f"name: {NAME_RULE}, got {name!r}")
+    seed = values.get("seed", 0)
+    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
+        yield draft.fault(("seed",), f"seed: must be a whole number from 0 to 2^63 - 1, got {seed!r}")
+    if not isinstance(values.get("stages"), list) or not values["stages"]:
+        yield draft.fault(("stages",), "stages: must be a list of at least one stage, each with `use: NAME`")
+
+
+def _read_stage(draft: Draft, index: int, entry: object, context: dict[str, Any]) -> tuple[StageDraft, list[Fault]]:
+    path = ("stages", index)
+    if not isinstance(entry, dict) or not isinstance(entry.get("use"), str):
+        message = f"stages.{index}: must be a mapping with `use: STAGE`, got {shown(entry)}"
+        return StageDraft(index, "?", None, None), [draft.fault(path, message)]
+    bare = StageDraft(index, entry["use"], None, None)
+    try:
+        stage = load_stage(bare.use)
+    except (LookupError, StageDefinitionError) as error:
+        return bare, [draft.fault((*path, "use"), bare.says(str(error.args[0])))]
+    faults = [draft.fault((*path, key), bare.says(message)) for key, message in _word_faults(entry, stage)]
+    given = {str(key): value for key, value in entry.items() if key not in _STAGE_WORDS}
+    params: Params | None = None
+    try:
+        params = stage.params.model_validate(given, context=context)
+    except ValidationError as error:
+        faults.extend(
+            draft.fault((*path, *detail["loc"]), bare.says(_message(detail, stage)))
+            for detail in error.errors(include_url=False)
+        )
+    slot, sources = entry.get("as", stage.writes), entry.get("from") or {}
+    sources = {str(key): str(value) for key, value in sources.items()} if isinstance(sources, dict) else {}
+    return StageDraft(index, bare.use, stage, params, frozenset(given), str(slot), sources), faults
+
+
+def _word_faults(entry: dict[Any, Any], stage: Stage) -> Iterator[tuple[str, str]]:
+    slot = entry.get("as", stage.writes)
+    if not (isinstance(slot, str) and _SLOT.fullmatch(slot)):
+        yield "as", f"as: a slot is named by lower-case letters, digits and underscores, got {slot!r}"
+    sources = entry.get("from") or {}
+    if not isinstance(sources, dict):
+        yield "from", f"from: must map what the stage reads to slots, got {sources!r}"
+        return
+    for argument in sources:
+        if argument not in stage.reads:
+            yield "from", f"from: the stage reads no {argument!r}{did_you_mean(str(argument), stage.reads)}"
+
+
+def _message(detail: ErrorDetails, stage: Stage) -> str:
+    """Return pydantic's finding as: parameter, rule, value, remedy."""
+    place = ".".join(str(part) for part in detail["loc"])
+    if detail["type"] == "extra_forbidden":
+        return _unknown_parameter(place, stage)
+    if detail["type"] == "missing":
+        return f"{place}: is required"
+    rule = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("Input", "it")
+    subject = f"{place}: {rule}" if place else rule
+    return subject if detail["type"] == "value_error" else f"{subject}, got {shown(detail['input'])}"
+
+
+def shown(value: object) -> str:
+    """Return a value as a fault shows it."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."  # noqa: PLR2004 - keeps a fault on one line
+
+
+def _apply_settings(
+    values: dict[Any, Any], settings: Sequence[Setting]
+) -> tuple[list[Fault], dict[yaml_source.Path, Setting]]:
+    """Write each setting into `values`; return the faults and which paths were written by which setting."""
+    faults, overrides = [], {}
+    for setting in settings:
+        try:
+            path = _setting_path(values, setting)
+            _assign(values, path, setting)
+        except LookupError as error:
+            faults.append(setting.fault(str(error.args[0])))
+        else:
+            overrides[path] = setting
+    return faults, overrides
+
+
+def _setting_path(values: dict[Any, Any], setting: Setting) -> yaml_source.Path:
+    """Return where in `values` the setting's target stands; raises `LookupError` where there is no such place."""
+    target = setting.target
+    if target in {"name", "seed"}:
+        return (target,)
+    stages = values.get("stages")
+    entries = [entry if isinstance(entry, dict) else {} for entry in (stages if isinstance(stages, list) else [])]
+    head, _, rest = target.partition(".")
+    if head == "stages":
+        number, _, rest = rest.partition(".")
+        head = f"stages.{number}"
+        matches = [int(number)] if number.isdecimal() and int(number) < len(entries) else []
+    else:
+        matches = [index for index, entry in enumerate(entries) if head in (entry.get("use"), entry.get("as"))]
+    if not rest:
+        raise LookupError(f"must have the form {setting.form}")
+    if not matches:
+        known = [str(entry["use"]) for entry in entries if "use" in entry]
+        raise LookupError(f"the config has no stage {head!r}{did_you_mean(head, known)}")
+    if len(matches) > 1:
+        raise LookupError(f"{head!r} stands {len(matches)} times; write stages.{matches[0]}.{rest} for the first")
+    return ("stages", matches[0], *rest.split("."))
+
+
+def target_fault(document: Document, setting: Setting) -> Fault | None:
+    """Return what is wrong with a setting's target, whatever its value: no such stage, or no such parameter."""
+    try:
+        path = _setting_path(document.values, setting)
+        use = document.values["stages"][path[1]]["use"] if len(path) > 1 else None
+        stage = load_stage(use) if isinstance(use, str) else None
+    except (LookupError, StageDefinitionError) as error:
+        return setting.fault(str(error.args[0]))
+    if stage is None or path[2] in (*_STAGE_WORDS, *stage.params.model_fields):
+        return None
+    return setting.fault(f"{setting.target}: {_unknown_parameter(str(path[2]), stage)}")
+
+
+def _unknown_parameter(place: str, stage: Stage) -> str:
+    return f"unknown parameter {place!r}{did_you_mean(place, stage.params.model_fields)}"
+
+
+def _assign(values: Any, path: yaml_source.Path, setting: Setting) -> None:  # noqa: ANN401 - a YAML tree
+    for depth, part in enumerate(path[:-1]):
+        if isinstance(values, dict):
+            values = values.setdefault(part, {})
+        elif isinstance(values, list) and isinstance(part, int):
+            values = values[part]
+        else:
+            raise _no_room(path[:depth], part)
+    if not isinstance(values, dict):
+        raise _no_room(path[:-1], path[-1])
+    values[path[-1]] = _from_there(values, str(path[-1]), setting)
+
+
+def _no_room(path: yaml_source.Path, part: str | int) -> LookupError:
+    return LookupError(f"{'.'.join(map(str, path))} holds a value, so that {part!r} cannot be set in it")
+
+
+def _from_there(entry: dict[Any, Any], key: str, setting: Setting) -> object:
+    """Return the setting's value; a file path as seen from the setting's folder, as a shell completes it."""
+    value = setting.value
+    if not isinstance(value, str):
+        return _unshared(value)
+    try:
+        stage = load_stage(str(entry.get("use")))
+    except (LookupError, StageDefinitionError):
+        return value  # reported where the stage is read
+    is_path = key in stage.params.marked(InputFileMark)
+    return str(setting.folder.absolute() / Path(value).expanduser()) if is_path else value

@@ -1,0 +1,1 @@
+"""Child processes, their memory and their threads."""

@@ -1,0 +1,198 @@
+"""Results of stages that runs share: a store that many processes read and write at a time.
+
+A run keeps what it needs in a store of its own; a cache gives it what another run has made for the same key, and takes
+what it makes, as hard links where both are on one disk. So a run never depends on its cache: where that is damaged,
+full, read-only or gone, the stage is run.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from filelock import FileLock
+
+from scaffold_pipeline.errors import ConfigError, Fault
+from scaffold_pipeline.run.store import DamagedStoreError, Store
+
+FOLDER_VARIABLE = "SCAFFOLD_PIPELINE_CACHE"
+"""Environment variable that names the cache of every run and study."""
+
+LIMIT_VARIABLE = "SCAFFOLD_PIPELINE_CACHE_LIMIT"
+"""Environment variable with the size that such a cache is kept below."""
+
+DEFAULT_LIMIT = "20 GB"
+
+_ORPHAN_AGE = 3600.0
+"""Seconds after which something that no result needs is no longer part of one that is just being stored."""
+
+_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
+_SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([KMGT]?B)", re.IGNORECASE)
+
+Written = TypeVar("Written")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One result in a cache: the bytes of each of its files, and when it was `used` last, seconds since 1970."""
+
+    key: str
+    stage: str
+    version: int
+    seconds: float
+    files: Mapping[Path, int]
+    used: float
+
+
+def parse_size(text: str, source: str) -> int:
+    """Return the bytes that a text like `20 GB` says; raises `ConfigError`, which names `source`, for another.
+
+    >>> [parse_size(text, "--keep") for text in ("0B", "1.5 kB", "20GB")]
+    [0, 1500, 20000000000]
+    """
+    match = _SIZE.fullmatch(text.strip())
+    if match is None:
+        raise ConfigError([Fault(0, 0, f"must be a size such as 500 MB or 20 GB, got {text!r}", source)])
+    return round(float(match[1]) * _UNITS[match[2].upper()])
+
+
+class Cache:
+    """The folder of a cache, made when something is first stored, and the bytes that `prune` leaves in it."""
+
+    def __init__(self, root: Path, limit: int | None = None) -> None:
+        self.root = root
+        self.limit = limit
+        self.store = Store(root)
+
+    def hold(self, key: str) -> FileLock:
+        """Wait until no other process works on `key`, and return the lock to release; the system does it for the dead.
+
+        Raises `OSError` or `NotImplementedError` where the folder cannot be written or knows no locks.
+        """
+        lock = self._lock(key)
+        lock.parent.mkdir(parents=True, exist_ok=True)
+        held = FileLock(lock)
+        held.acquire()
+        return held
+
+    def give(self, key: str, store: Store) -> bool:
+        """Let `store` have the result of `key`; return whether there is one.
+
+        Raises `DamagedStoreError` where it is not whole, and forgets it.
+        """
+        try:
+            result = self.store.result(key)
+            if result is None:
+                return False
+            self.store.require_whole(result)
+        except DamagedStoreError:
+            with suppress(OSError):
+                self.store.forget(key)
+            raise
+        self.store.share(key, store)
+        with suppress(OSError):
+            os.utime(self.store.path("results", key))  # the time of its last use
+        return True
+
+    def take(self, key: str, store: Store) -> None:
+        """Have the result of `key` that `store` has; raises `OSError` where the folder cannot be written."""
+        self.store.make_folders()
+        store.share(key, self.store)
+
+    def entries(self) -> list[Entry]:
+        """Return what is stored, last used first."""
+        found = []
+        for key in self.store.stored_keys():
+            with suppress(DamagedStoreError, OSError):
+                result = self.store.result(key)
+                if result is not None:
+                    files = {path: path.stat().st_size for path in self.store.paths(key, result)}
+                    used = self.store.path("results", key).stat().st_mtime
+                    found.append(Entry(key, result["stage"], result["version"], result["seconds"], files, used))
+        return sorted(found, key=lambda entry: entry.used, reverse=True)
+
+    def size(self) -> int:
+        """Return the bytes of all results."""
+        return sum(_size(path) for path in self.store.root.rglob("*"))
+
+    def prune(self, limit: int | None = None) -> int:
+        """Drop what was used longest ago until `limit` bytes are left at most; return the bytes that were freed."""
+        limit = self.limit if limit is None else limit
+        if limit is None or not self.root.is_dir():
+            return 0
+        self.store.make_folders()
+        before, entries = self.size(), self.entries()
+        needed = Counter(path for entry in entries for path in entry.files)
+        left = sum({path: size for entry in entries for path, size in entry.files.items()}.values())
+        while entries and left > limit:
+            oldest = entries.pop()
+            needed.subtract(oldest.files.keys())
+            for path in [path for path in oldest.files if not needed[path]]:
+                left -= oldest.files[path]
+                path.unlink(missing_ok=True)
+            self._lock(oldest.key).unlink(missing_ok=True)
+        now = time.time()
+        self.store.keep_only((entry.key for entry in entries), spare_newer_than=now - _ORPHAN_AGE)
+        return before - self.size()
+
+    def _lock(self, key: str) -> Path:
+        return self.root / "locks" / f"{key}.lock"
+
+
+class Sharing:
+    """One run's side of a cache, or of none: what is wrong with it is told by `warn`, and the run goes on without."""
+
+    def __init__(self, cache: Cache | None, store: Store, warn: Callable[[str], None]) -> None:
+        self._cache = cache
+        self._store = store
+        self._warn = warn
+        self._may_write = True
+
+    @contextmanager
+    def holding(self, key: str) -> Iterator[None]:
+        """Let one run at a time work on `key`, as far as the cache can be written."""
+        lock = self._attempt(lambda cache: cache.hold(key))
+        try:
+            yield
+        finally:
+            if lock is not None:
+                lock.release()
+
+    def give(self, key: str) -> bool:
+        """Let the run's store have the cache's result of `key`; return whether there was a whole one."""
+        if self._cache is None:
+            return False
+        try:
+            return self._cache.give(key, self._store)
+        except (DamagedStoreError, OSError) as error:
+            self._warn(f"cache {self._cache.root}: {error}; the stage is run again")
+            return False
+
+    def take(self, key: str) -> None:
+        """Let the cache have the result of `key` that is in the run's store."""
+        self._attempt(lambda cache: cache.take(key, self._store))
+
+    def _attempt(self, write: Callable[[Cache], Written]) -> Written | None:
+        """Return what `write` does to the cache, or None without one and from its first failure on."""
+        if self._cache is None or not self._may_write:
+            return None
+        try:
+            return write(self._cache)
+        except (OSError, NotImplementedError) as error:
+            self._may_write = False
+            reason = error.strerror if isinstance(error, OSError) and error.strerror else error
+            self._warn(f"cache {self._cache.root}: cannot be written ({reason}); results stay in the run's own folder")
+            return None
+
+
+def _size(path: Path) -> int:
+    with suppress(OSError):
+        return path.stat().st_size if path.is_file() else 0
+    return 0

@@ -1,0 +1,77 @@
+"""What is kept of a step, and the key that it is kept by."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.config.plan import Plan, Step
+from scaffold_pipeline.run.store import hash_input, hash_json
+from scaffold_pipeline.stages.contract import InputFileMark
+
+
+@dataclass(frozen=True)
+class StepRecord:
+    """What is kept of one step: enough to know what it did, from what, with what result."""
+
+    label: str
+    stage: str
+    version: int
+    libraries: Mapping[str, str]
+    parameters: Mapping[str, Any]
+    inputs: Mapping[str, str]
+    input_files: Mapping[str, str]
+    slot: str
+    key: str
+    output: str
+    seed: int | None
+    seconds: float
+    peak_memory_bytes: int
+    summary: Mapping[str, Fact]
+    warnings: tuple[str, ...]
+    files: Mapping[str, str]
+    reused: bool = False
+
+
+def step_key(plan: Plan, step: Step, inputs: Mapping[str, str]) -> str:
+    """Return the hash of all that the result of `step` comes from, `inputs` being the hash behind each argument."""
+    files = input_files(step)
+    parameters = {name: value for name, value in step.params.model_dump(mode="json").items() if name not in files}
+    return hash_json(
+        {
+            "stage": step.stage.name,
+            "version": step.stage.version,
+            "libraries": step.stage.libraries,
+            "parameters": parameters,
+            "files": files,
+            "suffixes": {name: getattr(step.params, name).suffix for name in files},
+            "inputs": inputs,
+            "record": sorted(entry.name for entry in fields(StepRecord)),
+            "seed": step.seed(plan.seed),
+            "config": config_hash(plan) if "config_hash" in step.stage.engine_arguments else None,
+        }
+    )
+
+
+def recipes(plan: Plan) -> dict[str, str]:
+    """Return for each label a hash of all that its result comes from, back to the inputs: known before anything ran."""
+    known: dict[str, str] = {}
+    hashes: dict[str, str] = {}
+    for step in plan.steps:
+        inputs = {argument: hashes[slot] for argument, slot in step.sources.items()}
+        known[step.label] = hashes[step.slot] = step_key(plan, step, inputs)
+    return known
+
+
+def config_hash(plan: Plan) -> str:
+    """Return the hash of what `plan` asks for: equal on every machine where the input files are equal."""
+    steps = [{**step.resolved(), **input_files(step)} for step in plan.steps]
+    return hash_json({"seed": plan.seed, "stages": steps})
+
+
+def input_files(step: Step) -> dict[str, str]:
+    """Return the hash of each file that the step's parameters name."""
+    paths = {name: getattr(step.params, name) for name in step.params.marked(InputFileMark)}
+    return {name: hash_input(path) for name, path in paths.items() if path is not None}

@@ -1,0 +1,109 @@
+"""What the installed stages are and take, told from their contracts: the stage list, the README's table, the schema."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from scaffold_pipeline.errors import ConfigError, Fault, StageDefinitionError
+from scaffold_pipeline.stages.contract import Follows, Stage, Unit
+from scaffold_pipeline.stages.registry import load_stage, stage_names
+
+
+def installed_stages() -> Iterator[Stage | StageDefinitionError]:
+    """Yield every installed stage by name, or the error that keeps one from being loaded."""
+    for name in stage_names():
+        try:
+            yield load_stage(name)
+        except StageDefinitionError as error:
+            yield error
+
+
+def require_stage(name: str) -> Stage:
+    """Return the stage `name`; raises `ConfigError` with the nearest name where there is none."""
+    try:
+        return load_stage(name)
+    except LookupError as error:
+        raise ConfigError([Fault(0, 0, str(error.args[0]))]) from error
+
+
+def describe(stage: Stage) -> str:
+    """Return all that a user must know of a stage: what it does, its slots, its parameters with unit and default."""
+    reads = ", ".join(f"{name}{' (if there)' if read.optional else ''}" for name, read in stage.reads.items())
+    lines = [stage.name, f"  {stage.summary}", f"  reads: {reads or '-'}", f"  writes: {stage.writes}", "  parameters:"]
+    for name, text in _parameters(stage).items():
+        lines += [f"    {name}: {text['type']}, {text['default']}", f"        {text['meaning']}"]
+    return "\n".join(lines)
+
+
+def markdown_table() -> str:
+    """Return the table of stages that the README shows."""
+    rows = ["| stage | does | reads | writes | parameters |", "|---|---|---|---|---|"]
+    for stage in installed_stages():
+        if isinstance(stage, Stage):
+            reads = ", ".join(stage.reads) or "-"
+            parameters = ", ".join(f"`{name}`" for name in stage.params.model_fields) or "-"
+            rows.append(f"| `{stage.name}` | {stage.summary} | {reads} | {stage.writes} | {parameters} |")
+    return "\n".join(rows)
+
+
+def config_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a configuration with the stages installed now."""
+    stages = [_stage_schema(stage) for stage in installed_stages() if isinstance(stage, Stage)]
+    definitions = {name: body for schema in stages for name, body in schema.pop("$defs", {}).items()}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "scaffold-pipeline config",
+        "type": "object",
+        "additionalProperties": False,
+        "required": ["stages"],
+        "properties": {
+            "name": {"type": "string", "pattern": "^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$"},
+            "seed": {"type": "integer", "minimum": 0},
+            "stages": {"type": "array", "minItems": 1, "items": {"oneOf": stages}},
+        },
+        "$defs": definitions,
+    }
+
+
+def _stage_schema(stage: Stage) -> dict[str, Any]:
+    schema = stage.params.model_json_schema()
+    for name, unit in stage.params.marked(Unit).items():
+        body = schema["properties"][name]
+        body["description"] = f"{body.get('description', '')} [{unit.name}]".strip()
+    words = {
+        "use": {"const": stage.name},
+        "as": {"type": "string", "description": f"Name of the slot written, instead of {stage.writes}."},
+        "from": {"type": "object", "description": f"Slots read instead of: {', '.join(stage.reads)}."},
+    }
+    schema["properties"] = {**words, **schema.get("properties", {})}
+    schema["required"] = ["use", *schema.get("required", [])]
+    return {**schema, "title": stage.name, "description": stage.summary}
+
+
+def _parameters(stage: Stage) -> dict[str, dict[str, str]]:
+    units, follows = stage.params.marked(Unit), stage.params.marked(Follows)
+    properties = stage.params.model_json_schema().get("properties", {})
+    told = {}
+    for name, info in stage.params.model_fields.items():
+        default = "required" if info.is_required() else f"default {info.get_default(call_default_factory=True)!r}"
+        if name in follows:
+            default += f", or as {follows[name].stage}.{follows[name].parameter}"
+        kind = _kind(properties.get(name, {}))
+        told[name] = {
+            "type": f"{kind} in {units[name].name}" if name in units else kind,
+            "default": default,
+            "meaning": " ".join((info.description or "").split()),
+        }
+    return told
+
+
+def _kind(schema: dict[str, Any]) -> str:
+    if "enum" in schema:
+        return " | ".join(map(str, schema["enum"]))
+    if "const" in schema:
+        return str(schema["const"])
+    if "anyOf" in schema:
+        return " | ".join(_kind(part) for part in schema["anyOf"] if part.get("type") != "null")
+    kind = str(schema.get("format") or schema.get("type") or "value")
+    return f"list of {_kind(schema['items'])}" if kind == "array" and "items" in schema else kind

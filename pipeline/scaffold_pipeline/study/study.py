@@ -1,0 +1,244 @@
+"""Points of a study to runs and one table: many at once, stopped and started at will.
+
+studies/NAME/                 the study's folder
+    points/POINT/             the run directory of each point, with its resolved config
+    cache/                    what the points share, unless another cache is named
+    table.csv  study.json     the result and the record
+    study.html  sheet.png     both for people, with the pictures
+
+Nothing but these folders says what is done: the same command goes on from what lies there.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.config.draft import read_draft
+from scaffold_pipeline.config.plan import make_plan
+from scaffold_pipeline.config.yaml_source import to_yaml
+from scaffold_pipeline.errors import MemoryShortageError, PipelineError, lines_and_code
+from scaffold_pipeline.report.publish import environment, publish
+from scaffold_pipeline.run.cache import Cache
+from scaffold_pipeline.run.records import config_hash, recipes
+from scaffold_pipeline.run.runner import STORE, execute, locked, unchanged_labels
+from scaffold_pipeline.run.store import Store, first_result, write_atomically
+from scaffold_pipeline.study.file import Point, Study
+from scaffold_pipeline.study.memory_forecast import Grids, expected_peak, grids_of
+from scaffold_pipeline.study.page import write_page
+from scaffold_pipeline.study.schedule import Outcome, Schedule, Task
+from scaffold_pipeline.study.table import FAILURE, PointState, read_state, write_json, write_results
+from scaffold_pipeline.study.workers import Crew, interruptible, local_crew
+
+POINTS = "points"
+OWN_CACHE = "cache"
+
+_WRITE_EVERY = 5.0
+"""Seconds between two writings of the results while a study runs."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """A point and what is known before it runs: its resolved config, and for each label a hash of all behind it.
+
+    `unchanged` are the labels whose results are stored.
+    """
+
+    point: Point
+    folder: Path
+    config: str
+    config_sha256: str
+    recipes: Mapping[str, str]
+    unchanged: frozenset[str]
+    grids: Grids
+
+    @property
+    def state(self) -> PointState:
+        """What the point's folder says now."""
+        return read_state(self.point.name, self.point.varied, self.folder, self.config_sha256)
+
+    @property
+    def source(self) -> str:
+        """The key of the first stage's result, which reads nothing: it gives the shape, or a mesh of it."""
+        return next(iter(self.recipes.values()))
+
+    def shape(self, cache: Cache) -> Mapping[str, Fact]:
+        """Return the facts of what the first stage gave, none where it is not stored."""
+        stored = first_result([cache.store, Store(self.folder / STORE)], self.source)
+        return stored["summary"] if stored else {}
+
+    def memory(self, cache: Cache) -> int:
+        """Return the bytes that the point may need."""
+        return expected_peak(self.grids, self.shape(cache))
+
+    @property
+    def work(self) -> frozenset[str]:
+        """The hashes of all that is not stored."""
+        return frozenset(recipe for label, recipe in self.recipes.items() if label not in self.unchanged)
+
+    @property
+    def is_done(self) -> bool:
+        """Whether all that the point asks for lies there."""
+        return not self.work and self.state.status == "done"
+
+
+@dataclass(frozen=True)
+class Watcher:
+    """What a study tells whoever watches it: each point that ended, and how many of how many have."""
+
+    ended: Callable[[PointState, int, int], None] = lambda _state, _number, _count: None
+    warned: Callable[[str], None] = lambda _message: None
+
+
+def survey(study: Study, out: Path, cache: Cache | None = None) -> list[Site]:
+    """Return all points with what is stored of each; reads the folders and writes nothing."""
+    used = cache or own_cache(out)
+    return [_site(point, out, used) for point in study.points]
+
+
+def own_cache(out: Path) -> Cache:
+    """Return the cache of a study that shares none with others."""
+    return Cache(out.resolve() / OWN_CACHE)
+
+
+def work_left(sites: Iterable[Site]) -> int:
+    """Return the number of results that are not stored, each counted once however many points share it."""
+    return len(frozenset[str]().union(*(site.work for site in sites)))
+
+
+def _site(point: Point, out: Path, cache: Cache) -> Site:
+    plan, folder = point.plan(), out.resolve() / POINTS / point.name
+    unchanged = frozenset(unchanged_labels(plan, folder, cache=cache))
+    return Site(point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged, grids_of(plan))
+
+
+def run_study(
+    study: Study,
+    out: Path,
+    *,
+    cache: Cache | None = None,
+    hire: Callable[[int], Crew] = local_crew,
+    keep_going: bool = False,
+    watcher: Watcher | None = None,
+) -> list[PointState]:
+    """Run the points that are not done yet by the crew that `hire` gives for their number; return the state of all.
+
+    The table and the record are written now and then, and at the end, however it comes; the page when all have ended.
+    After a point has failed those that run are finished and no other is started, unless `keep_going`.
+    """
+    with locked(out):
+        bench = _Bench(study, out, survey(study, out, cache), watcher or Watcher())
+        crew = hire(len(bench.left))
+        shared = cache or own_cache(out)
+        bench.prepare(shared, crew.size)
+        do = partial(run_point, out.resolve() / POINTS, shared.root)
+        schedule = Schedule(do, bench.ended, crew.size, keep_going, crew.memory)
+        try:
+            if crew.size > 1:
+                bench.load_shapes(shared, crew)
+                bench.teach(shared, schedule)
+            schedule.run(bench.tasks(shared), crew.start)
+        finally:
+            bench.write()
+        states = list(bench.states.values())
+        write_page(out, study, states, POINTS)
+    return states
+
+
+def run_point(points: Path, cache: Path, name: str, *, first_only: bool = False) -> Outcome:
+    """Run the point whose folder is there, or its first stage, in a worker; whatever fails is the outcome."""
+    folder = points / name
+    try:
+        with interruptible(), locked(folder):
+            plan = make_plan(read_draft(folder / "config.yaml"))
+            result = execute(plan, folder, until=plan.labels[0] if first_only else None, cache=Cache(cache))
+            if result.is_complete:
+                publish(plan, result, folder)
+    except Exception as error:  # noqa: BLE001 - one point never ends the others
+        return Outcome(lines_and_code(error)[0], lacks_memory=isinstance(error, MemoryShortageError))
+    return Outcome(None, max(step.peak_memory_bytes for step in result.steps), result.warnings)
+
+
+@dataclass
+class _Bench:
+    """A study at work: the states of all points by name, and the sites that were not done when it began."""
+
+    study: Study
+    out: Path
+    sites: Sequence[Site]
+    watcher: Watcher
+    left: dict[str, Site] = field(init=False)
+    states: dict[str, PointState] = field(init=False)
+    _told: set[str] = field(default_factory=set)
+    _facts: dict[str, Any] = field(default_factory=dict)
+    _started: float = field(default_factory=time.monotonic)
+    _written: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.left = {site.point.name: site for site in self.sites if not site.is_done}
+        self.states = {site.point.name: site.state for site in self.sites}
+
+    def prepare(self, cache: Cache, workers: int) -> None:
+        """Write the config of each point that is left, and give `cache` what finished ones hold and it has lost."""
+        for site in self.sites:
+            _give_back(Store(site.folder / STORE), cache)
+        for site in self.left.values():
+            site.folder.mkdir(parents=True, exist_ok=True)
+            write_atomically(site.folder / "config.yaml", partial(_write_text, site.config))
+        self._facts = {"name": self.study.name, "workers": workers, "cache": str(cache.root), **environment()}
+        self.write()
+
+    def load_shapes(self, cache: Cache, crew: Crew) -> None:
+        """Let the first stage of each point be done that tells how large it is, once for all that share it."""
+        unknown = {site.source: name for name, site in self.left.items() if site.grids.any and not site.shape(cache)}
+        do = partial(run_point, self.out.resolve() / POINTS, cache.root, first_only=True)
+        schedule = Schedule(do, lambda _name, _outcome: None, crew.size, keep_going=True, memory=crew.memory)
+        schedule.run([Task(name, frozenset()) for name in unknown.values()], crew.start)
+
+    def teach(self, cache: Cache, schedule: Schedule) -> None:
+        """Tell `schedule` how much memory the points had that were done before."""
+        for site in self.sites:
+            if site.point.name not in self.left:
+                schedule.learn(site.memory(cache), site.state.record["peak_memory_bytes"])
+
+    def tasks(self, cache: Cache) -> list[Task]:
+        """Return what is left to do."""
+        return [Task(name, site.work, site.memory(cache)) for name, site in self.left.items()]
+
+    def ended(self, name: str, outcome: Outcome) -> None:
+        """Keep what became of a point."""
+        site = self.left.pop(name)
+        if outcome.error is None:
+            (site.folder / FAILURE).unlink(missing_ok=True)
+        else:
+            write_json(site.folder / FAILURE, {"error": outcome.error, "config_sha256": site.config_sha256})
+        self.states[name] = site.state
+        for message in set(outcome.warnings) - self._told:
+            self.watcher.warned(message)
+        self._told.update(outcome.warnings)
+        self.watcher.ended(self.states[name], len(self.sites) - len(self.left), len(self.sites))
+        if time.monotonic() - self._written > _WRITE_EVERY:
+            self.write()
+
+    def write(self) -> None:
+        """Write the results as they are now."""
+        self._facts["seconds"] = round(time.monotonic() - self._started, 3)
+        write_results(self.out, self.study.columns, self.states.values(), self._facts)
+        self._written = time.monotonic()
+
+
+def _give_back(store: Store, cache: Cache) -> None:
+    for key in store.stored_keys():
+        if not cache.store.path("results", key).exists():
+            with suppress(PipelineError, OSError):
+                cache.take(key, store)
+
+
+def _write_text(text: str, stream: BinaryIO) -> None:
+    stream.write(text.encode())

@@ -1,0 +1,133 @@
+"""What a study leaves: `table.csv`, one row a point, and `study.json`, all that is needed to get the same again."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.report.sources import METRICS, RECORD
+from scaffold_pipeline.run.store import write_atomically
+
+TABLE = "table.csv"
+STUDY_RECORD = "study.json"
+
+FAILURE = "failure.json"
+"""File of a point's folder that says why the configuration with that hash failed."""
+
+_OF_A_RECORD = ("seed", "finished", "seconds", "peak_memory_bytes", "config", "config_sha256", "warnings", "files")
+
+
+@dataclass(frozen=True)
+class PointState:
+    """What lies in a point's folder: `status` is done, failed or waiting; a done one has part of its record."""
+
+    name: str
+    varied: Mapping[str, object]
+    status: str
+    error: str | None = None
+    record: Mapping[str, Any] = field(default_factory=dict)
+    metrics: Mapping[str, Fact] = field(default_factory=dict)
+
+    @property
+    def gates(self) -> list[str]:
+        """The quality gates that failed."""
+        quality = self.metrics.get("quality", [])
+        return quality if isinstance(quality, list) else []
+
+    @property
+    def seconds(self) -> tuple[float, float]:
+        """Seconds of the stages that were run for this point, and of those whose results it was given."""
+        stages = self.record.get("stages", {}).values()
+        run = sum(stage["seconds"] for stage in stages if not stage["reused"])
+        return run, sum(stage["seconds"] for stage in stages if stage["reused"])
+
+
+def read_state(name: str, varied: Mapping[str, object], folder: Path, config_sha256: str) -> PointState:
+    """Return what the point's folder says of the configuration with that hash."""
+    record = read_json(folder / RECORD)
+    if record.get("config_sha256") == config_sha256 and _has_files(folder, record):
+        return PointState(name, varied, "done", None, _kept(record), read_json(folder / METRICS))
+    failure = read_json(folder / FAILURE)
+    if failure.get("config_sha256") == config_sha256:
+        return PointState(name, varied, "failed", str(failure.get("error")))
+    return PointState(name, varied, "waiting")
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Return the JSON object in a file; an empty one where there is none."""
+    with suppress(OSError, ValueError):
+        value = json.loads(path.read_text(encoding="utf-8"))
+        return value if isinstance(value, dict) else {}
+    return {}
+
+
+def write_json(path: Path, value: object) -> None:
+    """Write a file of JSON, complete or not at all."""
+    text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_atomically(path, lambda stream: stream.write(text.encode()))
+
+
+def write_results(out: Path, columns: Sequence[str], states: Iterable[PointState], facts: Mapping[str, Any]) -> None:
+    """Write the table and the record, which begins with `facts`, into the study's folder."""
+    states = list(states)
+    text = _csv(columns, states)
+    write_atomically(out / TABLE, lambda stream: stream.write(text.encode()))
+    write_json(out / STUDY_RECORD, {**facts, "points": [_told(state) for state in states]})
+
+
+def to_table(columns: Sequence[str], states: Sequence[PointState]) -> tuple[list[str], list[list[object]]]:
+    """Return the titles of the table and its rows: the point, what varied, all metrics, the verdict and the error."""
+    metrics = [key for key in dict.fromkeys(key for state in states for key in state.metrics) if key != "quality"]
+    rows: list[list[object]] = []
+    for state in states:
+        varied = [state.varied.get(column) for column in columns]
+        measured = [state.metrics.get(key) for key in (*metrics, "quality")]
+        rows.append([state.name, *varied, *measured, state.error if state.status != "waiting" else "not run"])
+    return ["point", *columns, *metrics, "quality", "error"], rows
+
+
+def _csv(columns: Sequence[str], states: Sequence[PointState]) -> str:
+    titles, rows = to_table(columns, states)
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(titles)
+    writer.writerows([to_cell(value) for value in row] for row in rows)
+    return stream.getvalue()
+
+
+def to_cell(value: object) -> str:
+    """Return a value as it stands in a cell of the table: nothing for None, lists of lines in one, else JSON's form."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list) and all(isinstance(entry, str) for entry in value):
+        return "; ".join(value)
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, list | dict) else str(value)
+
+
+def _told(state: PointState) -> dict[str, Any]:
+    ends = {"status": state.status, "error": state.error, "quality": state.metrics.get("quality")}
+    return {"name": state.name, "varied": dict(state.varied), **ends, **state.record}
+
+
+def _kept(record: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what `study.json` holds of a point's record."""
+    facts = ("key", "output", "seconds", "reused")
+    stages = {stage["label"]: {fact: stage[fact] for fact in facts} for stage in record["stages"]}
+    kept = {key: record[key] for key in _OF_A_RECORD}
+    return {**kept, "threads": record["platform"]["threads"], "stages": stages}
+
+
+def _has_files(folder: Path, record: Mapping[str, Any]) -> bool:
+    """Return whether all files that a record names are there, of their sizes."""
+    with suppress(OSError, KeyError, TypeError, AttributeError):
+        return all((folder / name).stat().st_size == facts["bytes"] for name, facts in record["files"].items())
+    return False

@@ -1,0 +1,102 @@
+"""Processes of this machine that work on the points of a study."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass
+from functools import partial
+from multiprocessing import active_children, get_context, parent_process
+from multiprocessing.process import BaseProcess
+from types import FrameType
+
+from scaffold_pipeline.processes.isolation import die_with_parent
+from scaffold_pipeline.processes.memory import available_memory
+from scaffold_pipeline.processes.threads import core_count, threads_of_children
+
+_GRACE = 5.0
+"""Seconds that an interrupted worker has to put its things in order before it is ended."""
+
+_is_worker = False
+
+
+@dataclass(frozen=True)
+class Crew:
+    """Who works on points: so many at once at most, in so many bytes of memory, in executors that `start` makes."""
+
+    size: int
+    memory: int
+    start: Callable[[], AbstractContextManager[Executor]]
+
+
+def local_crew(most: int, count: int | None = None) -> Crew:
+    """Return `count` processes of this machine; by default one a core, `most` at most."""
+    size = max(1, count or min(core_count(), most))
+    return Crew(size, available_memory(), partial(local_workers, size))
+
+
+@contextmanager
+def local_workers(count: int) -> Iterator[Executor]:
+    """Give an executor of `count` processes that share the cores; an exception, such as Ctrl-C, stops what they do.
+
+    They are fresh interpreters, not forks: those would have the parent's compiled threads, half alive.
+    """
+    earlier = set(active_children())
+    with threads_of_children(max(1, core_count() // count)):
+        executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_begin)
+        try:
+            yield executor
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            _stop(set(active_children()) - earlier)
+            raise
+        finally:
+            executor.shutdown(cancel_futures=True)
+
+
+def _stop(workers: Iterable[BaseProcess]) -> None:
+    for worker in workers:
+        with suppress(ProcessLookupError):
+            os.kill(worker.pid or 0, signal.SIGINT)
+    for worker in workers:
+        worker.join(_GRACE)
+        worker.terminate()
+
+
+def _begin() -> None:
+    """Prepare a worker: it dies with its parent, and is interrupted only while it works on something."""
+    global _is_worker  # noqa: PLW0603 - one worker is one process
+    _is_worker = True
+    die_with_parent()
+    threading.Thread(target=_outlive_nobody, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _outlive_nobody() -> None:
+    """End this process when its parent is gone, on the systems that do not do it by themselves."""
+    parent = parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let the first interrupt raise `KeyboardInterrupt` in a worker; it changes nothing in any other process."""
+    if not _is_worker or threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing disturbs the tidying up
+    raise KeyboardInterrupt

@@ -1,0 +1,1 @@
+"""Geometry on arrays, by subject: what stages and plug-ins compute with."""

@@ -1,0 +1,1 @@
+"""Pictures: shaded surfaces as PNG, sections as SVG."""

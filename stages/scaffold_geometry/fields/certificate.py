@@ -1,0 +1,97 @@
+"""What a field is along and around segments: sampled, as no closed form of its extremes is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_geometry.jit import parallel_kernel, prange
+
+Floats = NDArray[np.float64]
+FieldAt = Callable[[Floats], Floats]
+"""Gives the field at points (n, 3), (n,)."""
+
+_SAMPLES = 9
+_REFINED = 250
+_REFINEMENTS = 20
+_GOLDEN = (3.0 - 5.0**0.5) / 2.0
+
+_AT_ONCE = 100_000
+"""Segments that are sampled at once: points of more would need as much memory as the field."""
+
+_DIRECTIONS = 4
+_ANGLES = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+
+
+@dataclass(frozen=True)
+class Rings:
+    """Rings of four points about a segment: at `places`, shares of it, with `radii`, mm."""
+
+    places: tuple[float, ...]
+    radii: tuple[float, ...]
+
+
+def extremes_of(
+    at: FieldAt, starts: Floats, ends: Floats, rings: Rings, sign: int, precisely_at: FieldAt | None = None
+) -> tuple[Floats, Floats]:
+    """Return the greatest (`sign` = 1) or least (-1) s on each segment `starts`-`ends` (n, 3), and on its rings.
+
+    These are (n,) and, for each radius, (n, k). A segment is sampled at 9 points; the 250 that come out most extreme
+    also between the neighbours of their best point, by golden section and `precisely_at` where that is another way to
+    the field than `at`. Where a strut or channel is as thick as a ring all around, its extreme there is on its own side
+    of the iso-value.
+    """
+    shares, shape = np.linspace(0.0, 1.0, _SAMPLES), (len(rings.places), len(rings.radii), _DIRECTIONS)
+    places, radii, angles = (axis.ravel() for axis in np.meshgrid(rings.places, rings.radii, _ANGLES, indexing="ij"))
+    steps, none = ends - starts, np.zeros(_SAMPLES)
+    samples = np.concatenate([shares, places]), np.concatenate([none, radii]), np.concatenate([none, angles])
+    along, around, best = np.empty(len(starts)), np.empty((len(starts), len(rings.radii))), np.empty(len(starts))
+    for first in range(0, len(starts), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        values = sign * at(_points(starts[part], steps[part], *samples)).reshape(-1, len(samples[0]))
+        along[part], best[part] = values[:, :_SAMPLES].max(axis=1), shares[values[:, :_SAMPLES].argmax(axis=1)]
+        around[part] = values[:, _SAMPLES:].reshape(-1, *shape).max(axis=(1, 3))
+    closest = np.sort(np.argsort(-along, kind="stable")[:_REFINED])
+    a, step, precisely_at = starts[closest], steps[closest], precisely_at or at
+    along[closest] = _refined(lambda t: sign * precisely_at(a + t[:, None] * step), best[closest])
+    return sign * along, sign * around
+
+
+def _points(starts: Floats, steps: Floats, shares: Floats, radii: Floats, angles: Floats) -> Floats:
+    """Return the points (n k, 3) at each of k shares of each segment, so far away from it in this direction."""
+    points = np.empty((len(starts), len(shares), 3))
+    _fill_points(starts, steps, shares, radii * np.cos(angles), radii * np.sin(angles), points)
+    return points.reshape(-1, 3)
+
+
+@parallel_kernel
+def _fill_points(starts: Floats, steps: Floats, shares: Floats, right: Floats, up: Floats, points: Floats) -> None:
+    for n in prange(len(starts)):
+        length = np.sqrt((steps[n] * steps[n]).sum())
+        d = steps[n] / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
+        least = np.zeros(3)
+        least[np.abs(d).argmin()] = 1.0
+        u = np.cross(d, least)
+        u /= np.sqrt((u * u).sum())
+        v = np.cross(d, u)
+        for k in range(len(shares)):
+            for axis in range(3):
+                points[n, k, axis] = starts[n, axis] + shares[k] * steps[n, axis] + right[k] * u[axis] + up[k] * v[axis]
+
+
+def _refined(value_at: Callable[[Floats], Floats], place: Floats) -> Floats:
+    """Return the greatest value found about each place, 0..1, the interval narrowed always in its longer part."""
+    reach = 1.0 / (_SAMPLES - 1)
+    low, high = np.maximum(place - reach, 0.0), np.minimum(place + reach, 1.0)
+    best = value_at(place)
+    for _ in range(_REFINEMENTS):
+        trial = place + _GOLDEN * np.where(place - low > high - place, low - place, high - place)
+        value = value_at(trial)
+        is_better, is_left = value > best, trial < place
+        new_low = np.where(is_better, np.where(is_left, low, place), np.where(is_left, trial, low))
+        high = np.where(is_better, np.where(is_left, place, high), np.where(is_left, high, trial))
+        low, best, place = new_low, np.maximum(best, value), np.where(is_better, trial, place)
+    return best

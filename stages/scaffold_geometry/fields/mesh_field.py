@@ -1,0 +1,74 @@
+"""The field of a mesh: ready to be computed, then on voxels over an outer shape, with its certificate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_geometry.fields.sampling import SamplingParams, Voxels, voxels_over
+from scaffold_geometry.files.points import read_points
+from scaffold_pipeline.artifacts import CellMesh, Certificate, Fact, OuterShape, ScalarField
+from scaffold_pipeline.errors import StageError
+
+if TYPE_CHECKING:
+    from scaffold_geometry.fields.certificate import FieldAt
+    from scaffold_geometry.fields.skeleton import Skeleton
+
+_THROATS, _WAISTS = (0.7, 1.0), (0.35, 0.65)
+"""Where along a channel, towards its face, and along a strut its thickness is looked at."""
+
+
+@dataclass(frozen=True, eq=False)
+class MeshField:
+    """A field that is ready to be computed: on voxels, float32, and at points (n, 3) mm, (n,), many in less time.
+
+    `judge` warns where the field is none to trust; it is given the greatest |s| found.
+    """
+
+    on_voxels: Callable[[Voxels], NDArray[np.float32]]
+    at: FieldAt
+    at_many: FieldAt
+    facts: dict[str, Fact]
+    judge: Callable[[float], None] | None = None
+
+
+def sampled_field(
+    mesh: CellMesh, outer: OuterShape | None, params: SamplingParams, field_of: Callable[[Skeleton], MeshField]
+) -> ScalarField:
+    """Return the field that `field_of` makes of the mesh's skeleton, on voxels over the outer shape, certified.
+
+    Samples more than two voxels outside the outer shape are void (-1). A planar mesh can do without one; its samples
+    are one layer in its plane.
+    """
+    from scaffold_geometry.fields.skeleton import skeleton_of, slab_around
+
+    points = np.empty((0, 3)) if params.points is None else read_points(params.points)
+    if outer is None and not mesh.IS_PLANAR:
+        raise StageError("outer: only a planar mesh can do without an outer shape; add a stage that writes `outer`")
+    outer = outer or OuterShape(*slab_around(mesh.vertices, mesh.cells))
+    voxels = voxels_over(outer, params, plane=float(mesh.vertices[0, 2]) if mesh.IS_PLANAR else None)
+    skeleton = skeleton_of(mesh.vertices, mesh.cells)
+    field = field_of(skeleton)
+    values = field.on_voxels(voxels)
+    values[~voxels.near] = -1.0
+    values.setflags(write=False)  # or the artifact would copy it
+    certificate = _certificate(skeleton, field, voxels.spacing)
+    if field.judge:
+        on_skeleton = max(np.abs(certificate.channel_maxima).max(), np.abs(certificate.strut_minima).max())
+        field.judge(float(max(on_skeleton, np.abs(values[voxels.inside]).max())))
+    return ScalarField(values, voxels.origin, voxels.spacing, certificate, field.facts, points, field.at(points))
+
+
+def _certificate(skeleton: Skeleton, field: MeshField, spacing: float) -> Certificate:
+    """Return the extremes of a field along every channel and strut, and around them at a voxel and parts of it."""
+    from scaffold_geometry.fields.certificate import Rings, extremes_of
+
+    ends, radii = skeleton.vertices[skeleton.edges], tuple(spacing * share for share in Certificate.RING_SHARES)
+    channels, struts = (skeleton.channel_starts, skeleton.channel_ends), (ends[:, 0], ends[:, 1])
+    channel_maxima, channel_rings = extremes_of(field.at_many, *channels, Rings(_THROATS, radii), 1, field.at)
+    strut_minima, strut_rings = extremes_of(field.at_many, *struts, Rings(_WAISTS, radii), -1, field.at)
+    return Certificate(channel_maxima, strut_minima, channel_rings, strut_rings, voxel_size=spacing)

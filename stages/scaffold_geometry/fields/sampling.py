@@ -1,0 +1,127 @@
+"""The voxels that a field is sampled on: asked for as a size or as a grid, over an outer shape, within the memory."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from scaffold_geometry.voxels.grids import Bools, grid_over, grown, samples_inside
+from scaffold_pipeline.artifacts import Floats, OuterShape
+from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.processes.memory import available_memory
+from scaffold_pipeline.stages.contract import Follows, InputFile, Millimetres, Params, Unit
+
+SampleCount = Annotated[int, Field(ge=2)]
+LayerCount = Annotated[int, Field(ge=1)]
+
+MARGIN = 3
+"""Samples beyond the outer shape's box: the field is void from two samples outside on, and the clip needs no more."""
+
+BYTES_PER_VOXEL = 8
+"""The field in single precision and three masks, with one to spare."""
+
+
+class GridParams(Params):
+    """A regular grid: sample (i, j, k) lies at `origin + spacing * (i, j, k)`."""
+
+    origin: Annotated[tuple[float, float, float], Unit("mm")]
+    """Place of the first sample."""
+
+    spacing: Millimetres = Field(gt=0.0)
+    """Distance between samples along each axis."""
+
+    shape: tuple[SampleCount, SampleCount, LayerCount]
+    """Number of samples along x, y and z; one along z is a section, or the plane of a planar mesh."""
+
+
+class SamplingParams(Params):
+    """Where a field is sampled: base of the parameters of every field stage."""
+
+    voxel_size: Annotated[float | None, Unit("mm")] = Field(default=None, gt=0.0)
+    """Distance between samples of the field: a twentieth of the mean edge keeps a bone's struts whole in the file."""
+
+    grid: GridParams | None = None
+    """The grid itself, instead of a voxel size."""
+
+    points: Annotated[InputFile | None, Follows("write_field", "points")] = None
+    """CSV file of points x, y, z in mm at which the field, not its voxels, is evaluated for `write_field`."""
+
+    @model_validator(mode="after")
+    def _one_grid(self) -> SamplingParams:
+        if (self.voxel_size is None) == (self.grid is None):
+            raise ValueError("give either voxel_size or grid")
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Voxels:
+    """Samples at `origin + spacing * (i, j, k)` mm: which lie `inside` the outer shape, which within two of it."""
+
+    origin: Floats
+    spacing: float
+    inside: Bools
+    near: Bools
+
+    @property
+    def axes(self) -> tuple[Floats, Floats, Floats]:
+        """The coordinates of the samples along x, y and z, mm."""
+        x, y, z = (self.origin[axis] + self.spacing * np.arange(self.inside.shape[axis]) for axis in range(3))
+        return x, y, z
+
+
+def voxels_over(outer: OuterShape, params: SamplingParams, plane: float | None = None) -> Voxels:
+    """Return the voxels asked for over an outer shape; of a planar mesh, one layer at z = `plane` mm.
+
+    Raises `StageError` where they need more memory than there is, or are too coarse for the shape.
+    """
+    origin, spacing, shape = _grid(outer.bounds, params, plane)
+    inside = samples_inside(outer.vertices, outer.faces, origin, spacing, shape)
+    if not inside.any():
+        raise StageError(f"voxel_size {spacing:g} mm: no sample lies inside the outer shape; use a smaller one")
+    return Voxels(origin, spacing, inside, near=grown(inside, 2))
+
+
+def _grid(bounds: Floats, params: SamplingParams, plane: float | None) -> tuple[Floats, float, tuple[int, int, int]]:
+    """Return origin, spacing and shape of the grid: the one given, or the one that covers `bounds` (2, 3)."""
+    if plane is not None:
+        bounds = np.insert(bounds[:, :2], 2, plane, axis=1)
+    if params.grid is None:
+        spacing = params.voxel_size or 0.0
+        _require_memory(bounds, spacing)
+        origin, shape = grid_over(bounds, spacing, MARGIN)
+        return (origin, spacing, shape) if plane is None else (np.append(origin[:2], plane), spacing, (*shape[:2], 1))
+    grid = params.grid
+    if plane is not None and (grid.shape[2] > 1 or abs(grid.origin[2] - plane) > 1e-6 * grid.spacing):
+        raise StageError(
+            f"grid: a planar mesh has one layer of samples, in its plane at z = {plane:g} mm, got {grid.shape[2]} from "
+            f"{grid.origin[2]:g} mm; end origin with {plane:g} and shape with 1"
+        )
+    last = np.array(grid.origin) + grid.spacing * (np.array(grid.shape) - 1)
+    _require_memory(np.array([grid.origin, last]), grid.spacing)
+    if (bounds[0] < grid.origin).any() or (bounds[1] > last).any():
+        warnings.warn("grid: does not cover the outer shape; the solid ends where the grid does", PipelineWarning, 3)
+    return np.array(grid.origin, float), grid.spacing, grid.shape
+
+
+def _require_memory(bounds: Floats, spacing: float) -> None:
+    needed, there = _memory_needed(bounds, spacing), available_memory()
+    if needed <= there:
+        return
+    fitting = spacing
+    while _memory_needed(bounds, fitting) > there and fitting < np.ptp(bounds, axis=0).max():
+        fitting = float(f"{1.1 * fitting:.2g}")
+    raise StageError(
+        f"voxel_size {spacing:g} mm: the grid needs {needed / 2**30:.1f} GiB, but {there / 2**30:.1f} GiB are free; "
+        f"{fitting:g} mm would fit"
+    )
+
+
+def _memory_needed(bounds: Floats, spacing: float) -> float:
+    """Return the bytes that a grid over `bounds` (2, 3) needs; its axes have at most so many samples."""
+    counts: list[float] = (np.ptp(bounds, axis=0) / spacing + 2 * MARGIN + 2).tolist()
+    return math.prod(counts) * BYTES_PER_VOXEL

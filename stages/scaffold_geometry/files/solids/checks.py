@@ -1,0 +1,161 @@
+"""What a file's mesh is checked for before the file gets its name."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scaffold_geometry.files.solids.model import Mesh
+from scaffold_geometry.surfaces.triangles import face_pieces, piece_volumes
+from scaffold_pipeline.artifacts import Ints, Solid, SurfaceMesh
+from scaffold_pipeline.errors import StageError
+
+VOLUME_TOLERANCE = 1e-4
+"""How far the volume of a file may be from that of the solid, as a share of it."""
+
+_REMEDY = (
+    "write what intersect_outer makes, which is closed and exact in float32; where the shape lies far from the "
+    "origin, move it nearer"
+)
+
+
+@dataclass(frozen=True)
+class Promise:
+    """What the solid in memory says that its file will hold; the volume in mm^3."""
+
+    triangles: int
+    volume: float
+    pieces: int
+    closed_pores: int
+
+
+def promise_of(solid: Solid) -> Promise:
+    """Return what the solid has, and the closed pores that its maker counted, if any did."""
+    volumes = piece_volumes(solid.vertices, solid.faces, face_pieces(solid.faces))
+    told = solid.facts.get("closed_pores")
+    closed_pores = told if isinstance(told, int) else int((volumes < 0.0).sum())
+    return Promise(len(solid.faces), solid.volume, int((volumes > 0.0).sum()), closed_pores)
+
+
+@dataclass
+class Examiner:
+    """Checks what is read of the files against the mesh `written` in all, and against what the solid promised.
+
+    What equals it to the bit has the same geometry, so that this is looked at in the first reading only.
+    """
+
+    written: Mesh
+    promise: Promise
+    _volume: float | None = None
+
+    def volume_of(self, mesh: Mesh, reader: str) -> float:
+        """Return the volume of a mesh that `reader` read, mm^3; raises `StageError` where it is not what it must be."""
+        if self._volume is not None and mesh.equals(self.written):
+            return self._volume
+        try:
+            volume = require_printable(mesh, self.promise)
+            _require_same(mesh, self.written)
+        except StageError as error:
+            raise StageError(f"read by {reader}: {error}") from error
+        self._volume = volume
+        return volume
+
+
+def require_printable(mesh: Mesh, promise: Promise) -> float:
+    """Check a mesh and return its volume, mm^3.
+
+    Raises `StageError` where it is not closed, manifold, outward and free of self-intersections, or does not hold
+    what was promised. Its vertices are distinct, or readers that merge them would find another mesh.
+    """
+    if len(mesh.faces) != promise.triangles:
+        raise StageError(f"must hold {promise.triangles} triangles, but {len(mesh.faces)} were read back")
+    surface = SurfaceMesh(mesh.vertices.astype(np.float64), mesh.faces)
+    _require_closed(surface.faces, len(surface.vertices))
+    _require_manifold(surface)
+    _require_uncrossed(surface)
+    _require_shells(surface, promise)
+    volume = surface.volume
+    if not abs(volume - promise.volume) <= VOLUME_TOLERANCE * promise.volume:
+        raise StageError(
+            f"must keep the solid's volume to {VOLUME_TOLERANCE:g}, but it is {volume:.9g} mm^3 "
+            f"instead of {promise.volume:.9g}; {_REMEDY}"
+        )
+    return volume
+
+
+def _require_same(mesh: Mesh, written: Mesh) -> None:
+    """Check that what was read is what was written, to the bit."""
+    if mesh.equals(written):
+        return
+    if mesh.vertices.shape != written.vertices.shape or not np.array_equal(mesh.faces, written.faces):
+        raise StageError("must hold the solid's own triangles in their order, but others were read back")
+    moved = np.abs(mesh.vertices.astype(np.float64) - written.vertices)
+    raise StageError(
+        f"must hold the solid's coordinates to the bit, but {int(moved.any(axis=1).sum())} of {len(moved)} vertices "
+        f"lie elsewhere, up to {moved.max():.3g} mm"
+    )
+
+
+def _require_closed(faces: Ints, count: int) -> None:
+    """Check that each edge has two triangles which walk it in opposite directions."""
+    starts, ends = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    if collapsed := int((starts == ends).sum()):
+        raise StageError(f"must have no collapsed edge, but {collapsed} are shorter than float32 holds; {_REMEDY}")
+    forward, backward = np.sort(starts * count + ends), np.sort(ends * count + starts)
+    if twice := int((forward[1:] == forward[:-1]).sum()):
+        raise StageError(
+            f"must be manifold, but {twice} edges have more than two triangles or are walked twice in one direction; "
+            f"{_REMEDY}"
+        )
+    if not np.array_equal(forward, backward):
+        single = len(np.setdiff1d(forward, backward, assume_unique=True))
+        raise StageError(f"must be closed, but {single} edges have one triangle only; {_REMEDY}")
+
+
+def _require_manifold(surface: SurfaceMesh) -> None:
+    """Check that manifold3d takes the surface as it is, without splitting vertices where pieces only touch."""
+    import manifold3d
+
+    mesh = manifold3d.Mesh64(np.array(surface.vertices), surface.faces.astype(np.uint64))
+    manifold = manifold3d.Manifold(mesh)
+    if manifold.status() != manifold3d.Error.NoError:
+        raise StageError(f"must be manifold, but manifold3d says {manifold.status().name}; {_REMEDY}")
+    if (touching := manifold.num_vert() - len(surface.vertices)) > 0:
+        raise StageError(f"must be manifold, but surfaces touch at {touching} vertices; {_REMEDY}")
+
+
+def _require_shells(surface: SurfaceMesh, promise: Promise) -> None:
+    """Check that pieces lie in void and closed pores in solid, and that there are as many as promised.
+
+    The surface does not cross itself, so that one point of a shell tells where all of it lies.
+    """
+    from scaffold_geometry.surfaces.nesting import misplaced_shells
+
+    shells = face_pieces(surface.faces)
+    volumes = piece_volumes(surface.vertices, surface.faces, shells)
+    if wrong := int(misplaced_shells(surface.vertices, surface.faces, shells, volumes).sum()):
+        raise StageError(
+            f"must be outward, but {wrong} of {len(volumes)} shells are inside out or lie in another's solid; {_REMEDY}"
+        )
+    pieces, closed_pores = int((volumes > 0.0).sum()), int((volumes < 0.0).sum())
+    if (pieces, closed_pores) != (promise.pieces, promise.closed_pores):
+        raise StageError(
+            f"must have pieces and closed pores as the solid, {promise.pieces} and {promise.closed_pores}, "
+            f"but has {pieces} and {closed_pores}; {_REMEDY}"
+        )
+
+
+def _require_uncrossed(surface: SurfaceMesh) -> None:
+    """Check that no two triangles have more in common than the vertices and edge that they share."""
+    from scaffold_geometry.surfaces.triangle_intersections import arealess_faces, crossing_faces
+
+    if flat := int(arealess_faces(surface.vertices, surface.faces).sum()):
+        raise StageError(f"must have no triangle without area, but {flat} have none; {_REMEDY}")
+    crossing = np.flatnonzero(crossing_faces(surface.vertices, surface.faces))
+    if len(crossing):
+        place = surface.vertices[surface.faces[crossing[0]]].mean(axis=0)
+        raise StageError(
+            f"must not intersect itself, but {len(crossing)} triangles cross or touch another, the first at "
+            f"({place[0]:.4f}, {place[1]:.4f}, {place[2]:.4f}) mm; {_REMEDY}"
+        )

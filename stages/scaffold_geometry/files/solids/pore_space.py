@@ -1,0 +1,64 @@
+"""The pore space as a body of its own: what of the outer shape is not solid."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from scaffold_geometry.files.solids.checks import VOLUME_TOLERANCE
+from scaffold_pipeline.artifacts import Floats, Ints, OuterShape, Solid
+from scaffold_pipeline.errors import StageError
+
+INSETS = (4, 16, 64)
+"""How far the pore space ends below the outer shape, in steps of float32 at its farthest vertex, see `pore_space`."""
+
+
+class PoreSpace(NamedTuple):
+    """The pore space, and how far below the outer shape its mouths end, mm."""
+
+    body: Solid
+    inset: float
+
+
+def pore_space(outer: OuterShape, solid: Solid) -> PoreSpace:
+    """Return the outer shape without the solid, all pieces of it, exact in float32.
+
+    The solid lies on the outer facets but for the rounding of its vertices: cut at the facets themselves, the pore
+    space had films of that thickness, which no file holds. It is cut a few roundings below them. Raises `StageError`
+    where nothing is left, it cannot be rounded, or it and the solid do not fill the outer shape.
+    """
+    from igl import per_vertex_normals
+
+    from scaffold_geometry.surfaces.booleans import from_body, to_body
+    from scaffold_geometry.surfaces.float32 import in_single_precision
+
+    taken = to_body(solid.vertices, solid.faces, "solid")
+    normals = per_vertex_normals(outer.vertices, outer.faces)
+    step = float(np.spacing(np.float32(np.abs(outer.vertices).max())))
+    failures: list[StageError] = []
+    for inset in (steps * step for steps in INSETS):
+        room = to_body(outer.vertices - inset * normals, outer.faces, "outer shape") - taken
+        if room.is_empty():
+            raise StageError(
+                "the pore space is empty: the solid fills the outer shape; raise porosity, or set void off"
+            )
+        try:
+            rounded = in_single_precision(*from_body(room), "pore space")
+        except StageError as error:
+            failures.append(error)
+            continue
+        return PoreSpace(_body(rounded.vertices, rounded.faces, outer, solid), inset)
+    raise failures[-1]
+
+
+def _body(vertices: Floats, faces: Ints, outer: OuterShape, solid: Solid) -> Solid:
+    body = Solid(vertices, faces)
+    together = body.volume + solid.volume
+    if not abs(together - outer.volume) <= VOLUME_TOLERANCE * outer.volume:
+        raise StageError(
+            f"pore space and solid must fill the outer shape to {VOLUME_TOLERANCE:g}, but take {together:.9g} of "
+            f"{outer.volume:.9g} mm^3; void needs the outer shape that intersect_outer cut the solid to, and one not "
+            "far from the origin"
+        )
+    return body

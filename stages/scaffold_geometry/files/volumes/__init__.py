@@ -1,0 +1,1 @@
+"""Files of volume meshes: a module for each format that is read."""

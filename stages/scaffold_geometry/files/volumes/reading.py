@@ -1,0 +1,102 @@
+"""Read one volume file into cells of the four kinds, or say in one line why not.
+
+Text formats and Gmsh's are read here, VTK's by VTK: meshio ends the interpreter on some damaged files, prints what is
+wrong with others, and takes some for another mesh. Nothing is merged, dropped or turned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.files.inputs import reader_of
+from scaffold_geometry.files.volumes.abaqus import read_abaqus
+from scaffold_geometry.files.volumes.blocks import AGAIN, CORNERS, Block, Blocks
+from scaffold_geometry.files.volumes.gmsh import read_gmsh
+from scaffold_geometry.files.volumes.medit import read_medit
+from scaffold_geometry.files.volumes.vtk_grids import read_vtk_grid
+from scaffold_pipeline.artifacts.cells import CELL_TYPES
+from scaffold_pipeline.errors import StageError
+
+_EXPORT = "export the mesh as tetrahedra, hexahedra, wedges and pyramids"
+
+
+class VolumeFile(NamedTuple):
+    """What a file holds: `vertices` (n, 3) in its unit, `cells` kind -> (m, corners), and what was passed over."""
+
+    vertices: Floats
+    cells: dict[str, Ints]
+    notes: tuple[str, ...]
+
+
+def read_volume(path: Path) -> VolumeFile:
+    """Read the volume file `path`; a `StageError` names what is wrong with it."""
+    points, blocks = reader_of(path, _READERS, "volume mesh")(path)
+    _require_known(blocks, path.name)
+    cells = _cells(blocks, len(points), path.name)
+    counts = ", ".join(f"{len(corners)} {CELL_TYPES[kind].plural}" for kind, corners in cells.items())
+    notes = [f"read {counts} over {len(points)} points from {path.suffix[1:].upper()}", *_passed_over(blocks)]
+    return VolumeFile(points, cells, tuple(notes))
+
+
+def _require_known(blocks: list[Block], name: str) -> None:
+    """Refuse cells that fill space and are none of the four kinds, and files without cells."""
+    foreign = [block for block in blocks if block.type.dimension == 3 and not block.type.kind and block.number]  # noqa: PLR2004
+    if foreign:
+        raise StageError(f"{name}: has cells of a kind that cannot be filled: {_counted(foreign)}; {_EXPORT}")
+    if not any(block.number for block in blocks if block.type.kind):
+        rest = _counted([block for block in blocks if block.number])
+        raise StageError(f"{name}: holds no cells that fill space ({rest or 'no elements at all'}); {_EXPORT}")
+
+
+def _counted(blocks: list[Block]) -> str:
+    """Return how many elements there are of each type, in words."""
+    counts: dict[str, int] = {}
+    for block in blocks:
+        counts[block.type.name] = counts.get(block.type.name, 0) + block.number
+    return ", ".join(f"{count} of type {name}" for name, count in sorted(counts.items()))
+
+
+def _cells(blocks: list[Block], count: int, name: str) -> dict[str, Ints]:
+    """Return the corners of the cells of each kind that there is; nodes beyond the corners go."""
+    cells = {}
+    for kind, corners in CORNERS.items():
+        short = [
+            block for block in blocks if block.type.kind == kind and block.number and block.nodes.shape[1] < corners
+        ]
+        if short:
+            raise StageError(f"{name}: a {kind} needs {corners} nodes, but there are {_counted(short)}; {AGAIN}")
+        of_kind = [block.nodes[:, :corners] for block in blocks if block.type.kind == kind and block.number]
+        if of_kind:
+            cells[kind] = np.concatenate(of_kind)
+            least, greatest = int(cells[kind].min()), int(cells[kind].max())
+            if least < 0 or greatest >= count:
+                raise StageError(
+                    f"{name}: cells name points {least}..{greatest} (from 0), but those of the file are "
+                    f"0..{count - 1}; {AGAIN}"
+                )
+    return cells
+
+
+def _passed_over(blocks: list[Block]) -> list[str]:
+    curved = [block for block in blocks if block.type.kind and block.nodes.shape[1] > CORNERS[block.type.kind]]
+    beside = [block for block in blocks if not block.type.kind and block.number]
+    told = []
+    if curved:
+        told.append(f"reduced {sum(block.number for block in curved)} cells of higher order to their corners")
+    if beside:
+        told.append(f"ignored {sum(block.number for block in beside)} elements that fill no space ({_counted(beside)})")
+    return told
+
+
+_READERS: dict[str, Callable[[Path], Blocks]] = {
+    ".vtu": read_vtk_grid,
+    ".vtk": read_vtk_grid,
+    ".msh": read_gmsh,
+    ".mesh": read_medit,
+    ".inp": read_abaqus,
+}

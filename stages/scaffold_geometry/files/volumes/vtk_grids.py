@@ -1,0 +1,106 @@
+"""VTK's unstructured grids, XML (.vtu) and legacy (.vtk), read by VTK in a child process that may die."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_geometry.files.volumes.blocks import AGAIN, Block, Blocks, ElementType, element_type
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.processes.isolation import call_in_child
+
+READING_SECONDS = 120.0
+"""VTK reads a million cells in a few seconds: what takes longer never ends."""
+
+_SHAPES = {
+    "point": (1, 2),
+    "line": (3, 4, 21, 35, 60, 68, 75),
+    "triangle": (5, 6, 22, 34, 61, 69, 76),
+    "quadrangle": (8, 9, 23, 28, 30, 62, 70, 77),
+    "tetrahedron": (10, 24, 64, 71, 78),
+    "pyramid": (14, 27, 37, 66, 74, 81),
+    "wedge": (13, 26, 31, 32, 65, 73, 80),
+    "hexahedron": (12, 25, 29, 33, 67, 72, 79),
+}
+"""The shapes of VTK's numbers of cell types: linear, quadratic, cubic, Lagrange's and Bezier's of any order."""
+
+_TYPES = {
+    **{number: element_type(shape, 0) for shape, numbers in _SHAPES.items() for number in numbers},
+    **{number: ElementType("polygon", 2, None, 0) for number in (7, 36)},
+    15: ElementType("pentagonal prism", 3, None, 10),
+    16: ElementType("hexagonal prism", 3, None, 12),
+    41: ElementType("convex point set", 3, None, 0),
+    42: ElementType("polyhedron", 3, None, 0),
+}
+
+_EMPTY, _VOXEL = 0, 11
+_HEXAHEDRON_OF_VOXEL = [0, 1, 3, 2, 4, 5, 7, 6]
+"""A voxel's corners go row by row, a hexahedron's around its faces."""
+
+
+def read_vtk_grid(path: Path) -> Blocks:
+    """Read the unstructured grid of the file `path`."""
+    about = f"{path.name} cannot be read; export it again, as an unstructured grid, or download it again"
+    grid = call_in_child(vtk_grid, {}, {"path": str(path.resolve())}, seconds=READING_SECONDS, about=about)
+    types, offsets, nodes = grid["types"], grid["offsets"], grid["nodes"]
+    sizes = np.diff(offsets)
+    if (
+        len(sizes) != len(types)
+        or (sizes < 0).any()
+        or (len(offsets) and not offsets[0] == 0 <= offsets[-1] <= len(nodes))
+    ):
+        raise StageError(f"{path.name}: its cells are not as many as its types, or not as long as it says; {AGAIN}")
+    blocks = [
+        _block(int(number), int(size), nodes, offsets[:-1][(types == number) & (sizes == size)])
+        for number, size in np.unique(np.column_stack([types, sizes]), axis=0)
+        if number != _EMPTY
+    ]
+    return Blocks(grid["points"], blocks)
+
+
+def _block(number: int, size: int, nodes: NDArray[np.int64], starts: NDArray[np.int64]) -> Block:
+    """Return the cells of type `number` that have `size` nodes and begin in `nodes` at `starts`."""
+    rows = nodes[starts[:, None] + np.arange(size)]
+    if number == _VOXEL and size == len(_HEXAHEDRON_OF_VOXEL):
+        return Block(element_type("hexahedron", size), len(rows), rows[:, _HEXAHEDRON_OF_VOXEL])
+    of_type = _TYPES.get(number, ElementType(f"cell of VTK's type {number}", 3, None, 0))
+    return Block(of_type._replace(nodes=size), len(rows), rows)
+
+
+def vtk_grid(*, path: str) -> dict[str, NDArray[Any]]:
+    """Return `points` (n, 3), `types` (m,), `offsets` (m + 1,) and `nodes` of a file: the child's side."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
+    from vtkmodules.vtkIOLegacy import vtkDataSetReader
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    window = vtkStringOutputWindow()
+    vtkOutputWindow.SetInstance(window)
+    reader = vtkXMLUnstructuredGridReader() if path.lower().endswith(".vtu") else vtkDataSetReader()
+    reader.SetFileName(path)
+    reader.Update()
+    complaint = str(window.GetOutput())
+    if "error" in complaint.lower():  # VTK complains and hands over what it has got: a part of the cells
+        raise StageError(f"VTK says: {_first_of(complaint)}")
+    grid = reader.GetOutput()
+    if grid is None or not grid.IsA("vtkUnstructuredGrid"):
+        kind = grid.GetClassName() if grid is not None else "nothing"
+        raise StageError(f"it holds a {kind}, no unstructured grid")
+    if not grid.GetNumberOfCells() or not grid.GetNumberOfPoints():
+        return {"points": np.empty((0, 3)), **{name: np.empty(0, np.int64) for name in ("types", "offsets", "nodes")}}
+    return {
+        "points": vtk_to_numpy(grid.GetPoints().GetData()).astype(np.float64),
+        "types": np.array([grid.GetCellType(i) for i in range(grid.GetNumberOfCells())], np.int64),
+        "offsets": vtk_to_numpy(grid.GetCells().GetOffsetsArray()).astype(np.int64),
+        "nodes": vtk_to_numpy(grid.GetCells().GetConnectivityArray()).astype(np.int64),
+    }
+
+
+def _first_of(complaint: str) -> str:
+    """Return VTK's first message without its source line, its object's address and the file's name."""
+    first = re.split(r"\n\n", complaint.strip())[0].splitlines()[-1]
+    return re.sub(r"^\w+ \(0x\w+\): | for file: .*$", "", first)[:120]

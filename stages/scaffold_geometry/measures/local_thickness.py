@@ -1,0 +1,174 @@
+"""How thick struts are, and how wide pores: the greatest ball over each voxel that lies in its phase.
+
+T. Hildebrand, P. Rueegsegger, "A new method for the model-independent assessment of thickness in three-dimensional
+images", J. Microscopy 185 (1997); by the balls of R. Dougherty, K.-H. Kunzelmann, "Computing local thickness of 3D
+structures with ImageJ", Microsc. Microanal. 13 (2007).
+
+OUTSIDE is a wall for both phases. A strut ends where the solid ends. A pore ends at the outer shape, as what lies
+beyond is the body that the scaffold is put into: a ball that might leave would have no size at the mouths, that of the
+room around it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_geometry.voxels.image import Bools, Floats, VoxelImage
+
+Singles = NDArray[np.float32]
+
+PERCENTILES = (5.0, 25.0, 75.0, 95.0)
+
+LEAST_RESOLVED = 3.0
+"""Voxels across a wall below which its thickness is more sampling than wall: a voxel more or less is a third of it."""
+
+_BINS = 40
+"""Bars of a histogram at most; none is narrower than a voxel."""
+
+_BODY = 0.5
+"""Share of the mean thickness that both parts beside a neck have at least: thinner ones are slivers."""
+
+
+class Neck(NamedTuple):
+    """A diameter, mm, and the middle of its ball, (3,) mm."""
+
+    diameter: float
+    place: Floats
+
+
+class Distribution(NamedTuple):
+    """The local thickness over the voxels of a phase, each of the same weight, so by volume; mm.
+
+    `deviation` is the median absolute deviation from the median; `percentiles` (4,) are those of `PERCENTILES`;
+    `shares` (n,) are those of the volume between `edges` (n + 1,). `smallest` is the narrowest neck of the phase: see
+    `distribution`.
+    """
+
+    mean: float
+    median: float
+    deviation: float
+    percentiles: Floats
+    edges: Floats
+    shares: Floats
+    smallest: Neck
+
+
+def local_thickness(mask: Bools, spacing: float) -> Singles:
+    """Return the diameter, mm, of the greatest ball in `mask` (nx, ny, nz) that holds each voxel, 0 outside.
+
+    A ball's radius is the distance from a voxel's middle to that of the nearest voxel outside. Its diameter is off by
+    -1.7 voxels, where the true middle is a corner of voxels, to 1, in a wall along the grid of an odd number of them.
+    At the mean of places and directions that is 0.2 to 0.6 voxels too much in plates, 0.2 too little in rods, 0.8 too
+    little in balls; in a scaffold of rods and nodes the mean was off by 0.01 voxels in struts and 0.2 in pores. In
+    the image nothing else is approximated, but in one whose balls hold so many voxels that `greatest_balls` takes
+    larger ones. What lies beyond the array counts as outside. Takes 16 bytes a voxel.
+    """
+    from scaffold_geometry.measures.balls import greatest_balls
+
+    squared = _squared_depths(mask)
+    thickness = np.sqrt(greatest_balls(squared), out=squared)
+    thickness *= np.float32(2.0 * spacing)
+    return thickness
+
+
+def distribution(image: VoxelImage, phase: int, thickness: Singles) -> Distribution | None:
+    """Return how the local thickness of `phase` is distributed, given its map `thickness`; None without such a voxel.
+
+    The least of the map would be the image's own: in each corner and on each step of a surface there is a voxel that
+    only a ball of a voxel holds. `smallest` is instead the narrowest neck: a place at which two parts of the phase
+    meet, the greatest ball of each a tenth and a voxel's radius above the neck's, and at least half the mean thickness.
+    A phase without a neck is nowhere narrower than at its ends, and `smallest` its greatest ball: one that is as thick
+    everywhere, but for a voxel. A neck of 2 voxels is one voxel wide in the image, and may be anything below 2.
+    """
+    is_phase = image.is_phase(phase)
+    values, counts = _diameters(thickness[is_phase], image.spacing)
+    if not len(values):
+        return None
+    median = _quantile(values, counts, 0.5)
+    apart = np.abs(values - median)
+    order = np.argsort(apart)
+    mean = float(np.average(values, weights=counts))
+    edges = histogram_edges(float(values[-1]), image.spacing)
+    shares, _ = np.histogram(values, edges, weights=counts)
+    return Distribution(
+        mean=mean,
+        median=median,
+        deviation=_quantile(apart[order], counts[order], 0.5),
+        percentiles=np.array([_quantile(values, counts, share / 100.0) for share in PERCENTILES]),
+        edges=edges,
+        shares=shares / counts.sum(),
+        smallest=_narrowest(image, is_phase, _BODY * mean),
+    )
+
+
+def necks(image: VoxelImage, is_phase: Bools, least: float) -> Sequence[Neck]:
+    """Return the necks of a phase (nx, ny, nz), narrowest first, between parts with a ball of `least` mm or more."""
+    from scaffold_geometry.measures.necks import deepest_first, find_necks
+
+    squared = _squared_depths(is_phase)
+    order = deepest_first(squared, int(squared.max(initial=0.0)))
+    found = find_necks(squared, order, (least / image.spacing / 2.0) ** 2)
+    flat = squared.ravel()
+    found = found[np.argsort(flat[found], kind="stable")]
+    return [_neck(image, squared, voxel) for voxel in found]
+
+
+def thickness_at(image: VoxelImage, thickness: Singles, points: Floats) -> Floats:
+    """Return the map's value at the voxel of the phase nearest to each point (n, 3) mm, (n,) mm.
+
+    It is looked for as far as two voxels from that of the point, what a surface is off by at the most; where there is
+    none, the strut is thinner than the image can show, and the value 0.
+    """
+    from scaffold_geometry.voxels.nearest import nearest_values
+
+    return nearest_values(thickness, (np.asarray(points, np.float64) - image.origin) / image.spacing)
+
+
+def is_resolved(mean_thickness: float, spacing: float) -> bool:
+    """Tell whether walls of `mean_thickness` are `LEAST_RESOLVED` voxels thick: both mm."""
+    return mean_thickness >= LEAST_RESOLVED * spacing
+
+
+def histogram_edges(greatest: float, spacing: float) -> Floats:
+    """Return edges from 0 to `greatest` mm or above, whole voxels apart."""
+    voxels = greatest / spacing
+    width = max(1.0, np.ceil(voxels / _BINS))
+    return np.asarray(spacing * width * np.arange(int(voxels // width) + 2))
+
+
+def _diameters(thickness: Singles, spacing: float) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the diameters, mm, rising, that `thickness` (n,) has, and how often: roots of whole numbers of voxels."""
+    squared = np.rint(np.square(thickness * np.float32(0.5 / spacing))).astype(np.int32)
+    counts = np.bincount(squared)
+    present = np.flatnonzero(counts)
+    return 2.0 * spacing * np.sqrt(present), counts[present]
+
+
+def _squared_depths(mask: Bools) -> Singles:
+    """Return the squared distance, in voxels, of each voxel of `mask` to the nearest outside."""
+    import edt
+
+    return np.asarray(edt.edtsq(np.ascontiguousarray(mask), black_border=True), np.float32)
+
+
+def _narrowest(image: VoxelImage, is_phase: Bools, least: float) -> Neck:
+    found = necks(image, is_phase, least)
+    if found:
+        return found[0]
+    squared = _squared_depths(is_phase)
+    return _neck(image, squared, int(squared.argmax()))
+
+
+def _neck(image: VoxelImage, squared: Singles, voxel: int) -> Neck:
+    diameter = 2.0 * image.spacing * float(np.sqrt(squared.ravel()[voxel]))
+    return Neck(diameter, image.place(tuple(int(i) for i in np.unravel_index(voxel, squared.shape))))
+
+
+def _quantile(values: Floats, counts: NDArray[np.int64], share: float) -> float:
+    """Return the least of rising `values` (n,) up to which `counts` (n,) hold the share."""
+    reached = np.cumsum(counts)
+    return float(values[np.searchsorted(reached, share * reached[-1])])

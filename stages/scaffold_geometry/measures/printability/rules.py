@@ -1,0 +1,74 @@
+"""What a printer can do, and what each rule gives back."""
+
+from __future__ import annotations
+
+from typing import Annotated, NamedTuple
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from scaffold_pipeline.artifacts import Fact, Finding, Floats
+from scaffold_pipeline.stages.contract import Millimetres, Params, Unit
+
+Degrees = Annotated[float, Unit("degrees")]
+SquareMillimetres = Annotated[float, Unit("mm^2")]
+
+
+class PrintRules(Params):
+    """What the printer, and the program that slices for it, can do."""
+
+    min_wall: Millimetres | None = Field(default=None, gt=0.0)
+    """Thinnest wall that prints; not asked for by default."""
+
+    knife_angle: Degrees = Field(default=20.0, ge=0.0, le=45.0)
+    """A rim sharper than this runs out to nothing; two sides that open at less are those of a wall."""
+
+    max_knife_edge: Millimetres | None = Field(default=0.0, ge=0.0)
+    """Length that may be so sharp, all rims together; none to measure it only."""
+
+    build_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    """Which way the layers are stacked, of any length; the plate lies under the lowest point."""
+
+    layer: Millimetres = Field(default=0.05, gt=0.0)
+    """Height of a layer: what starts within the first lies on the plate; what is smaller than one is not looked at."""
+
+    overhang_angle: Degrees = Field(default=45.0, ge=0.0, lt=90.0)
+    """A face that looks down needs support where it is less steep than this, from the horizontal."""
+
+    bridge: Millimetres = Field(default=0.0, ge=0.0)
+    """Overhangs of no greater span, held at their rims, print without support; by default none does."""
+
+    max_overhang_area: SquareMillimetres | None = Field(default=0.0, ge=0.0)
+    """Area that may need support, all overhangs together; none to measure it only."""
+
+    min_aspect: float = Field(default=1e-4, ge=0.0, lt=0.5)
+    """Height over longest edge below which a triangle is a sliver; one without area always is."""
+
+    max_triangles: int | None = Field(default=5_000_000, gt=0)
+    """How many triangles the slicing program takes."""
+
+    max_file_bytes: int | None = Field(default=256 * 2**20, gt=0)
+    """How large a binary STL it takes."""
+
+    most_places: int = Field(default=50, ge=1, le=1000)
+    """How many places each rule names at most, the worst first."""
+
+    @field_validator("build_direction")
+    @classmethod
+    def _points_somewhere(cls, direction: tuple[float, float, float]) -> tuple[float, float, float]:
+        if not np.linalg.norm(direction) > 0.0:
+            raise ValueError(f"must not be zero, got {direction}")
+        return direction
+
+    @property
+    def up(self) -> Floats:
+        """The build direction, of unit length, (3,)."""
+        direction = np.array(self.build_direction)
+        return np.asarray(direction / np.linalg.norm(direction))
+
+
+class Outcome(NamedTuple):
+    """The numbers of a rule, and what it found where it was broken."""
+
+    values: dict[str, Fact]
+    finding: Finding | None

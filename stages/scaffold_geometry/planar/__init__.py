@@ -1,0 +1,1 @@
+"""Regions of a plane: what plates are made of."""

@@ -1,0 +1,166 @@
+"""How far a repaired surface lies from the one that was read: exact point-to-triangle distances from many samples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.edges import Floats, Ints, Mask, Surface
+
+_MOST_SAMPLES = 200_000
+_MOST_ASKED = 20_000
+"""Samples that are asked which side they are on: a tenth of a millisecond each, near long triangles."""
+
+_MOST_STEPS = 40
+"""Steps along a triangle's longest side: sampling is meant to find the farthest place, not to cover a plane."""
+
+_WITHIN = 0.25
+"""Least winding number on either side of what is inside: it is about 0.5 on one side of a wall in a body, 0 on that of
+the body's own surface, and -0.5 on that of a sheet outside."""
+
+_NEGLIGIBLE = 1e-6
+"""Share of the diagonal below which a distance needs no explanation."""
+
+_INNER = 0.02
+"""Share of the way to the middle of its face at which a sample is asked for its two sides: beside a sharp edge, one
+side of a face is the other side of the next."""
+
+_BESIDE = 1e-5
+"""How far beside a triangle the winding number is taken, as a share of the diagonal."""
+
+
+class Farthest(NamedTuple):
+    """The greatest distance found, and the place (3,) on the surface that it was measured from."""
+
+    distance: float
+    place: Floats
+
+
+NOWHERE = Farthest(0.0, np.zeros(3))
+
+
+class Moved(NamedTuple):
+    """How far the surfaces lie apart.
+
+    `lost` is the greatest distance to the result from what was read, but for what lies inside the solid on both sides;
+    `gained` that to what was read from the result. `inner` mm^2 of what was read lay inside and is not in the result.
+    """
+
+    lost: Farthest
+    gained: Farthest
+    inner: float
+
+
+def moved(read: Surface, repaired: Surface, kept: Surface, spacing: float) -> Moved:
+    """Compare all that was read with all that was repaired, and what of this is kept with what was read.
+
+    Triangles that are in both at the same places are passed over; the others are sampled about every `spacing`.
+    """
+    if np.array_equal(read[0], kept[0]) and np.array_equal(np.sort(read[1], axis=1), np.sort(kept[1], axis=1)):
+        return Moved(NOWHERE, NOWHERE, 0.0)
+    old, new = changed(read, repaired), changed(kept, read)
+    points = samples(kept[0], kept[1][new], spacing).points
+    gained = _greatest(points, _distances(points, read))
+    found = samples(read[0], read[1][old], spacing)
+    distances = _distances(found.points, repaired)
+    far = np.flatnonzero(distances > _NEGLIGIBLE * float(np.linalg.norm(np.ptp(read[0], axis=0))))
+    stride = -(-len(far) // _MOST_ASKED) or 1
+    asked = far[::stride]
+    is_inner = _is_inside(found.only(asked), read)
+    is_counted = np.ones(len(distances), bool)
+    is_counted[far] = False
+    is_counted[asked[~is_inner]] = True
+    lost = _greatest(found.points[is_counted], distances[is_counted])
+    return Moved(lost, gained, stride * float(found.areas[asked[is_inner]].sum()))
+
+
+def changed(one: Surface, other: Surface) -> Mask:
+    """Return which faces of `one` have no face of `other` on the same three places, (m,)."""
+    vertices = np.concatenate([one[0], other[0]])
+    faces = np.concatenate([one[1], other[1] + len(one[0])])
+    places, faces = triangles.merge_coincident(vertices, faces)
+    first, second, third = np.sort(faces, axis=1).T.astype(np.uint64)
+    # beyond two million vertices this wraps round, and two triangles may share a key, but hardly do
+    key = (first * np.uint64(len(places)) + second) * np.uint64(len(places)) + third
+    return ~np.isin(key[: len(one[1])], key[len(one[1]) :])
+
+
+class Samples(NamedTuple):
+    """Points on a surface (k, 3), the same a little towards the middle of their face, its normal, and their area."""
+
+    points: Floats
+    inner: Floats
+    normals: Floats
+    areas: Floats
+
+    def only(self, wanted: Ints) -> Samples:
+        """Return some of the samples."""
+        return Samples(*(values[wanted] for values in self))
+
+
+def samples(vertices: Floats, faces: Ints, spacing: float) -> Samples:
+    """Return points on the faces, corners and centres among them, about `spacing` apart.
+
+    They are sparser where 200,000 would not do.
+    """
+    areas = triangles.face_areas(vertices, faces)
+    spacing = max(spacing, float(np.sqrt(2.0 * areas.sum() / _MOST_SAMPLES)), float(np.finfo(float).tiny))
+    corners = vertices[faces]
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1, initial=0.0)
+    steps = np.clip(np.ceil(sides / spacing), 1, _MOST_STEPS).astype(int)
+    points, owners, shares = [np.empty((0, 3))], [np.empty(0, np.int64)], [np.empty(0)]
+    for count in np.unique(steps):
+        own = np.flatnonzero(steps == count)
+        weights = _lattice(int(count))
+        points.append(np.einsum("kc,fcx->fkx", weights, corners[own]).reshape(-1, 3))
+        owners.append(np.repeat(own, len(weights)))
+        shares.append(np.repeat(areas[own] / len(weights), len(weights)))
+    at, owner = np.concatenate(points), np.concatenate(owners)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    inner = at + _INNER * (corners.mean(axis=1)[owner] - at)
+    return Samples(at, inner, normals[owner], np.concatenate(shares))
+
+
+def _lattice(steps: int) -> Floats:
+    """Return barycentric weights (k, 3) of the corners, `steps` intervals to a side, and of the centre."""
+    first, second = np.meshgrid(np.arange(steps + 1), np.arange(steps + 1), indexing="ij")
+    within = first + second <= steps
+    weights = np.column_stack([first[within], second[within], steps - first[within] - second[within]]) / steps
+    return np.concatenate([weights, np.full((1, 3), 1.0 / 3.0)])
+
+
+def _distances(points: Floats, surface: Surface) -> Floats:
+    import igl
+
+    if not len(points):
+        return np.empty(0)
+    vertices, faces = (np.ascontiguousarray(array) for array in surface)
+    squared, _, _ = igl.point_mesh_squared_distance(np.ascontiguousarray(points), vertices, faces)
+    return np.sqrt(np.asarray(squared, np.float64))
+
+
+def _greatest(points: Floats, distances: Floats) -> Farthest:
+    if not len(points):
+        return NOWHERE
+    at = int(np.argmax(distances))
+    return Farthest(float(distances[at]), points[at])
+
+
+def _is_inside(found: Samples, surface: Surface) -> Mask:
+    """Return which samples of a surface are inside it on both sides, (k,)."""
+    import igl
+
+    if not len(found.points):
+        return np.empty(0, bool)
+    vertices, faces = surface
+    wound = triangles.turn_faces(faces, triangles.consistent_winding(faces).turn)
+    if triangles.piece_volumes(vertices, wound, wound[:, 0] * 0).sum() < 0.0:
+        wound = wound[:, ::-1]
+    wound = np.ascontiguousarray(wound)
+    step = _BESIDE * float(np.linalg.norm(np.ptp(vertices, axis=0))) * found.normals
+    sides = [igl.fast_winding_number(vertices, wound, found.inner + way * step) for way in (1, -1)]
+    inside: Mask = np.minimum(*sides) > _WITHIN
+    return inside

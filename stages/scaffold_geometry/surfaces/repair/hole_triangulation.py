@@ -1,0 +1,95 @@
+"""Span a loop with triangles over its own vertices that bend least: the first step of Liepa (2003), see `holes`.
+
+Dynamic programming over all spans i..j of the loop, those of one length at a time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from scaffold_geometry.surfaces.edges import Floats, Ints, Mask, edges_of
+
+_NEVER = 1e9
+"""The bend of a span over an edge that the surface has already: bends are 0 to 2."""
+
+
+@dataclass(frozen=True)
+class _Spans:
+    """Of each span i..j of the loop: its worst bend, its area, and the middle and normal of the triangle upon it."""
+
+    bends: Floats
+    areas: Floats
+    middles: Ints
+    normals: Floats
+
+
+def spanned(vertices: Floats, loop: Ints, rim_normals: Floats, near: Ints) -> Ints:
+    """Return triangles over the loop's vertices, (n - 2, 3): least worst bend, then least area.
+
+    `rim_normals` (n, 3) are those of the surface at each edge of the loop. No new edge is one that the faces `near`
+    have, unless there is no other way.
+    """
+    count, points, taken = len(loop), vertices[loop], _taken(loop, near)
+    square = (count, count)
+    spans = _Spans(np.zeros(square), np.zeros(square), np.zeros(square, np.int64), np.zeros((*square, 3)))
+    at = np.arange(count)
+    spans.normals[at, (at + 1) % count] = rim_normals
+    for length in range(2, count):
+        start = at[: count - length]
+        _span(points, spans, start, length, taken[start, start + length])
+    return np.asarray(loop[_unrolled(spans.middles)])
+
+
+def _span(points: Floats, spans: _Spans, start: Ints, length: int, is_taken: Mask) -> None:
+    """Find the best triangle upon each span of one length, of all the vertices between its ends."""
+    first, end = start[:, None], start[:, None] + length
+    middle = first + np.arange(1, length)
+    normals = np.cross(points[middle] - points[first], points[end] - points[first])
+    doubled = np.linalg.norm(normals, axis=2)
+    normals /= np.maximum(doubled, np.finfo(float).tiny)[..., None]
+    beside = [spans.normals[first, middle], spans.normals[middle, end]]
+    if length == len(points) - 1:  # the last triangle lies at the loop's last edge, too
+        beside.append(spans.normals[end, first])
+    bends = np.maximum(spans.bends[first, middle], spans.bends[middle, end])
+    for neighbour in beside:
+        bends = np.maximum(bends, 1.0 - np.einsum("ijk,ijk->ij", normals, np.broadcast_to(neighbour, normals.shape)))
+    bends = np.where(is_taken[:, None], _NEVER, np.round(bends, 6))
+    areas = spans.areas[first, middle] + spans.areas[middle, end] + doubled / 2.0
+    row, best = np.arange(len(start)), _least(bends, areas)
+    of_span = (start, start + length)
+    spans.bends[of_span], spans.areas[of_span] = bends[row, best], areas[row, best]
+    spans.middles[of_span], spans.normals[of_span] = middle[row, best], normals[row, best]
+
+
+def _least(bends: Floats, areas: Floats) -> Ints:
+    """Return for each row the place of the least bend, and among equals of the least area."""
+    is_least = bends <= bends.min(axis=1, keepdims=True)
+    return np.asarray(np.where(is_least, areas, np.inf).argmin(axis=1), dtype=np.int64)
+
+
+def _taken(loop: Ints, faces: Ints) -> Mask:
+    """Return which pairs of the loop's vertices have an edge already, (n, n), but for neighbours on the loop."""
+    count = len(loop)
+    taken = np.zeros((count, count), bool)
+    order = np.argsort(loop)
+    ends = edges_of(faces).ends
+    place = order[np.minimum(np.searchsorted(loop[order], ends), count - 1)]
+    one, other = place[(loop[place] == ends).all(axis=1)].T
+    taken[one, other] = taken[other, one] = True
+    at = np.arange(count)
+    taken[at, (at + 1) % count] = taken[(at + 1) % count, at] = False
+    return taken
+
+
+def _unrolled(middles: Ints) -> Ints:
+    """Return the triangles, as places on the loop, of the best spans within the whole."""
+    found, todo = [], [(0, len(middles) - 1)]
+    while todo:
+        start, end = todo.pop()
+        if end - start > 1:
+            middle = int(middles[start, end])
+            found.append((start, middle, end))
+            todo += [(start, middle), (middle, end)]
+    return np.array(found, np.int64)

@@ -1,0 +1,106 @@
+"""Fill the holes of a surface: P. Liepa, "Filling holes in meshes", Symposium on Geometry Processing (2003) 200-205.
+
+Each hole is spanned by triangles that bend least, these are refined to the density around it and faired.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from scaffold_geometry.surfaces.edges import Floats, Ints, edges_of
+from scaffold_geometry.surfaces.repair.hole_fairing import faired, refined
+from scaffold_geometry.surfaces.repair.hole_triangulation import spanned
+
+LONGEST = 600
+"""Edges of the longest hole that is filled: spanning takes the cube of them, 3 s for these."""
+
+
+class Filled(NamedTuple):
+    """The surface with patches behind its own `vertices` and `faces`; `patches` (k,) the hole of each new face."""
+
+    vertices: Floats
+    faces: Ints
+    patches: Ints
+    too_long: int
+
+
+def filled(vertices: Floats, faces: Ints) -> Filled:
+    """Fill all holes of up to `LONGEST` edges of a consistently wound surface; it keeps its vertices and faces."""
+    loops = _loops(vertices, faces)
+    short = [loop for loop in loops if len(loop) <= LONGEST]
+    if not short:
+        return Filled(vertices, faces, np.empty(0, np.int64), len(loops))
+    # what lies at a rim is all that filling needs to know
+    near = _faces_at(faces, np.concatenate(short), len(vertices))
+    normals, patches = _rim_normals(vertices, near), []
+    for loop in short:
+        own = _faces_at(near, loop, len(vertices))
+        at_rim = np.array([normals[min(ends), max(ends)] for ends in pairwise([*loop.tolist(), int(loop[0])])])
+        points, patch = refined(vertices, own, spanned(vertices, loop, at_rim, own))
+        vertices = faired(points, own, patch, len(vertices))
+        near = np.concatenate([near, patch])
+        patches.append(patch)
+    numbers = np.repeat(np.arange(len(patches)), [len(patch) for patch in patches])
+    return Filled(vertices, np.concatenate([faces, *patches]), numbers, len(loops) - len(short))
+
+
+def _faces_at(faces: Ints, loop: Ints, count: int) -> Ints:
+    is_on = np.zeros(count, bool)
+    is_on[loop] = True
+    return faces[is_on[faces].any(axis=1)]
+
+
+def _loops(vertices: Floats, faces: Ints) -> list[Ints]:
+    """Return the rims of the holes, each once around and no vertex twice, in the direction that a patch walks them."""
+    edges = edges_of(faces)
+    rim = np.flatnonzero(edges.net)
+    # where the surface walks up an edge once too often, a patch has to walk down
+    ends = np.where(edges.net[rim, None] > 0, edges.ends[rim, ::-1], edges.ends[rim])
+    ways: dict[int, list[int]] = {}
+    for tail, head in np.repeat(ends, np.abs(edges.net[rim]), axis=0).tolist():
+        ways.setdefault(tail, []).append(head)
+    loops = []
+    for start in sorted(ways):
+        while ways[start]:
+            loops += _walked(vertices, ways, start)
+    return [np.array(loop) for loop in loops if len(loop) > 2]  # noqa: PLR2004 - corners of a triangle
+
+
+def _walked(vertices: Floats, ways: dict[int, list[int]], start: int) -> list[list[int]]:
+    """Walk from `start` until there is no way on, and cut a loop off wherever the path comes back to itself."""
+    path, places, loops = [start], {start: 0}, []
+    while ways.get(path[-1]):
+        choices = ways[path[-1]]
+        head = choices[0] if len(choices) == 1 or len(path) == 1 else _narrowest(vertices, path[-2], path[-1], choices)
+        choices.remove(head)
+        if head not in places:
+            places[head] = len(path)
+            path.append(head)
+            continue
+        first = places[head]
+        loops.append(path[first:])
+        for vertex in path[first + 1 :]:
+            del places[vertex]
+        del path[first + 1 :]
+    return loops
+
+
+def _narrowest(vertices: Floats, before: int, at: int, choices: list[int]) -> int:
+    """Return the way on that makes the least angle with the way back: the other side of the same gap."""
+    back = vertices[before] - vertices[at]
+    ahead = vertices[choices] - vertices[at]
+    cosines = ahead @ back / (np.linalg.norm(ahead, axis=1) * np.linalg.norm(back))
+    return choices[int(np.argmax(cosines))]
+
+
+def _rim_normals(vertices: Floats, faces: Ints) -> dict[tuple[int, int], Floats]:
+    """Return the unit normal of the face at each edge of a hole, keyed by the edge, lower vertex first."""
+    edges = edges_of(faces)
+    half_edges = np.flatnonzero(edges.net[edges.of] != 0)
+    a, b, c = np.moveaxis(vertices[faces[half_edges // 3]], 1, 0)
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    return {(int(x), int(y)): normal for (x, y), normal in zip(edges.ends[edges.of[half_edges]], normals, strict=True)}

@@ -1,0 +1,150 @@
+"""The two repairs of a surface: mend what is broken in it, or rebuild it as the boundary of what it winds about."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import NamedTuple
+
+import numpy as np
+
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.edges import Floats, Ints, Surface, edges_of
+from scaffold_geometry.surfaces.repair import fins_and_walls, holes, mend, self_intersections, winding_number
+from scaffold_geometry.surfaces.repair.log import TURNED, Account, Deed, Done
+from scaffold_geometry.surfaces.repair.non_manifold import parted_or_same
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.processes.isolation import Arrays, call_in_child
+
+_TORN = 0.3
+"""Share of open edges from which a surface is a heap of triangles rather than one with holes."""
+
+_FINEST, _COARSEST = 250.0, 50.0
+"""Samples along the diagonal, at most (a minute or two of computing) and at least."""
+
+_PER_TOLERANCE = 2.0
+"""Samples to the tolerance: the surface is found to a fraction of the distance between them."""
+
+_INSIDE = 0.5
+"""Winding number halfway between outside and inside."""
+
+
+_PIECES = Deed("pieces_turned", "turned {} pieces that faced inward")
+_TOO_LONG = Deed("holes_left", f"left {{}} holes of more than {holes.LONGEST} edges open")
+
+
+class Repaired(NamedTuple):
+    """A repaired surface and what was done."""
+
+    vertices: Floats
+    faces: Ints
+    account: Account
+
+
+def safe(vertices: Floats, faces: Ints) -> Repaired:
+    """Mend a surface of one vertex a place without moving what is sound in it; what cannot be mended stays as it is."""
+    done, account = Counter[Deed](), Account()
+    vertices, faces = _prepared(vertices, faces, done)
+    vertices, faces, filling = _filled(vertices, faces)
+    vertices, faces = parted_or_same(vertices, faces, done)
+    account.count_all(done)
+    account.add(filling)
+    return Repaired(vertices, faces, account)
+
+
+def rebuilt(vertices: Floats, faces: Ints, tolerance: float, name: str) -> Repaired:
+    """Return the boundary of what a surface of one vertex a place winds about.
+
+    Where its holes can be filled, its triangles are cut where they cross, and what bounds the inside stays exactly
+    where it was. Of what cannot be filled or cut, the winding number is sampled on a grid; raises `StageError` where
+    that finds no inside either.
+    """
+    done, account = Counter[Deed](), Account()
+    vertices, faces = _prepared(vertices, faces, done)
+    account.count_all(done)
+    if not len(faces):
+        return Repaired(vertices, faces, account)
+    seconds = 300.0 + len(faces) / 500.0
+    try:
+        *whole, closing = _closed(vertices, faces)
+        answer = call_in_child(
+            self_intersections.arranged, dict(zip(_NAMES, whole, strict=True)), {}, seconds=seconds, about=_CUT
+        )
+        account.add(closing)
+        how = "rebuilt by cutting it where it crosses itself and keeping the boundary of what it winds about"
+    except StageError as error:
+        answer, spacing = _sampled(vertices, faces, tolerance, seconds, name)
+        reason = str(error).removesuffix(f"; {_CUT}")
+        how = f"rebuilt from its winding number on a grid of {spacing:.3g} mm, as {reason}"
+        account.measures["grid_mm"] = spacing
+    account.notes.append(how)
+    return Repaired(answer["vertices"], answer["faces"], account)
+
+
+_NAMES = ("vertices", "faces")
+_CUT = "in cutting it where it crosses itself"
+
+
+def _prepared(vertices: Floats, faces: Ints, done: Done) -> Surface:
+    """Mend what is local, leave out what bounds nothing, and make neighbours agree on their outside."""
+    vertices, faces = mend.mended(vertices, faces, done)
+    vertices, faces = fins_and_walls.without_sheets(vertices, faces, done)
+    turn = triangles.consistent_winding(faces).turn
+    done[TURNED] += int(turn.sum())
+    return np.ascontiguousarray(vertices), np.ascontiguousarray(triangles.turn_faces(faces, turn))
+
+
+def _filled(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Account]:
+    """Return the surface with its holes filled, but for long ones; a heap of triangles as it is."""
+    account = Account()
+    share = float((edges_of(faces).uses == 1).mean()) if len(faces) else 0.0
+    if share > _TORN:
+        account.notes.append(f"filled no holes, as {share:.0%} of its edges are open")
+        return vertices, faces, account
+    found = holes.filled(vertices, faces)
+    count = int(found.patches.max(initial=-1)) + 1
+    account.count(Deed("holes_filled", f"filled {{}} holes with {len(found.patches)} triangles"), count)
+    account.count(_TOO_LONG, found.too_long)
+    return found.vertices, found.faces, account
+
+
+def _closed(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Account]:
+    """Return the surface filled and each piece of it outward; raises `StageError` where it cannot be closed."""
+    vertices, faces, account = _filled(vertices, faces)
+    left = int((edges_of(faces).net != 0).sum())
+    if left:
+        raise StageError(f"{left} of its edges stay open")
+    faces, turned = _outward(vertices, faces)
+    account.count(_PIECES, turned)
+    return vertices, faces, account
+
+
+def _outward(vertices: Floats, faces: Ints) -> tuple[Ints, int]:
+    """Return the faces of closed pieces turned outward, but for cavities: pieces wound against one about them."""
+    import igl
+
+    pieces = triangles.face_pieces(faces)
+    volumes = triangles.piece_volumes(vertices, faces, pieces)
+    if volumes.sum() < 0.0:
+        flipped, count = _outward(vertices, np.ascontiguousarray(faces[:, ::-1]))
+        return flipped, len(volumes) - count
+    bodies = np.ascontiguousarray(faces[(volumes > 0.0)[pieces]])
+    turned = np.zeros(len(volumes), bool)
+    for piece in np.flatnonzero(volumes < 0.0):
+        own = faces[pieces == piece]
+        points = vertices[own[:: -(-len(own) // 20)]].mean(axis=1)
+        turned[piece] = np.median(igl.fast_winding_number(vertices, bodies, points)) < _INSIDE
+    return triangles.turn_faces(faces, turned[pieces]), int(turned.sum())
+
+
+def _sampled(vertices: Floats, faces: Ints, tolerance: float, seconds: float, name: str) -> tuple[Arrays, float]:
+    """Return the surface rebuilt on a grid, and the grid's spacing, mm."""
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    spacing = float(np.clip(tolerance / _PER_TOLERANCE, diagonal / _FINEST, diagonal / _COARSEST))
+    answer = call_in_child(
+        winding_number.wound_about,
+        {"vertices": vertices, "faces": faces},
+        {"spacing": spacing},
+        seconds=2.0 * seconds,
+        about=f"{name} cannot be rebuilt: mend it where it was made, or load a surface that bounds a body",
+    )
+    return answer, spacing

@@ -1,0 +1,29 @@
+"""Part a surface where it touches itself, if it can be."""
+
+from __future__ import annotations
+
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.edges import Floats, Ints, Surface
+from scaffold_geometry.surfaces.repair.log import Deed, Done
+from scaffold_geometry.surfaces.repair.vertex_splitting import parted
+from scaffold_pipeline.errors import StageError
+
+_EDGES = Deed("edges_parted", "parted {} edges where the surface touched itself")
+_VERTICES = Deed("vertices_parted", "parted {} vertices where the surface touched itself")
+
+
+def parted_or_same(vertices: Floats, faces: Ints, done: Done | None = None) -> Surface:
+    """Return a closed surface whose every edge has two faces and every vertex one fan; the same where that fails."""
+    faults = triangles.edge_faults(faces)
+    if not faults.non_manifold and not triangles.touching_vertices(faces):
+        return vertices, faces
+    # Parting goes into the solid, which must be on the inner side.
+    is_inverted = float(triangles.piece_volumes(vertices, faces, faces[:, 0] * 0).sum()) < 0.0
+    try:
+        found = parted(vertices, faces[:, ::-1] if is_inverted else faces)
+    except StageError:
+        return vertices, faces
+    if done is not None:
+        done[_EDGES] += found.touching_edges
+        done[_VERTICES] += found.touching_vertices
+    return triangles.drop_unreferenced(found.vertices, found.faces[:, ::-1] if is_inverted else found.faces)

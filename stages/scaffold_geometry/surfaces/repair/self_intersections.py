@@ -1,0 +1,78 @@
+"""The union of what a closed surface winds about, its triangles cut where they cross: exact, sharp edges and all.
+
+Q. Zhou, E. Grinspun, D. Zorin, A. Jacobson, "Mesh arrangements for solid geometry", ACM Transactions on Graphics 35
+(2016).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.booleans import from_body, simplified, to_body
+from scaffold_geometry.surfaces.edges import Floats, Ints, Surface
+from scaffold_geometry.surfaces.repair.non_manifold import parted_or_same
+from scaffold_geometry.surfaces.self_intersections import crossing_faces
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.processes.isolation import Arrays
+
+_SIMPLER = 1e-6
+"""Share of the greatest coordinate by which the slivers that cutting leaves are merged."""
+
+
+def arranged(vertices: Floats, faces: Ints) -> Arrays:
+    """Return `vertices` and `faces` of the boundary of all that is wound about at least once; for a child process.
+
+    Raises `StageError` where that is not closed and free of crossings once its corners are rounded.
+    """
+    whole = _united(vertices, faces)
+    said = _fault(*whole)
+    if said:
+        raise StageError(f"what is left when it is cut where it crosses itself {said}")
+    simpler = without_slivers(*whole, _SIMPLER * float(np.abs(whole[0]).max()))
+    return {"vertices": simpler[0], "faces": simpler[1]}
+
+
+def _united(vertices: Floats, faces: Ints) -> Surface:
+    from igl.copyleft import cgal
+
+    nothing = np.empty((0, 3)), np.empty((0, 3), np.int64)
+    try:
+        new, corners, _ = cgal.mesh_boolean(
+            np.ascontiguousarray(vertices), np.ascontiguousarray(faces), *nothing, "union"
+        )
+    except RuntimeError as error:
+        raise StageError(f"it cannot be cut where it crosses itself ({error})") from error
+    if not len(corners):
+        raise StageError("it winds about nothing")
+    return parted_or_same(*_in_order(new, np.asarray(corners, np.int64)))
+
+
+def _in_order(vertices: Floats, faces: Ints) -> Surface:
+    """Return the surface with its vertices and faces sorted: cutting gives them in another order each time."""
+    order = np.lexsort(vertices.T[::-1])
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    faces = rank[faces]
+    first = faces.argmin(axis=1)[:, None]
+    faces = np.take_along_axis(faces, (first + np.arange(3)) % 3, axis=1)
+    return np.ascontiguousarray(vertices[order]), np.ascontiguousarray(faces[np.lexsort(faces.T[::-1])])
+
+
+def without_slivers(vertices: Floats, faces: Ints, tolerance: float) -> Surface:
+    """Return a closed surface with fewer triangles, moved by about `tolerance` at most; the same if spoilt."""
+    simpler = from_body(simplified(to_body(vertices, faces, "the rebuilt surface"), tolerance))
+    return (vertices, faces) if _fault(*simpler) else simpler
+
+
+def _fault(vertices: Floats, faces: Ints) -> str:
+    """Return what keeps the surface, with one vertex for each place, from bounding a solid, in words."""
+    places, corners = triangles.merge_coincident(vertices, faces)
+    faults = triangles.edge_faults(corners)
+    if any(faults):
+        return f"has {sum(faults)} edges without two faces"
+    touching = triangles.touching_vertices(corners)
+    if touching:
+        return f"touches itself at {touching} vertices"
+    crossing = len(crossing_faces(places, corners)["faces"])
+    return f"has {crossing} triangles that cross others" if crossing else ""

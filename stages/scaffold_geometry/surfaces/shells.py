@@ -1,0 +1,24 @@
+"""What the shells of a surface tell of a solid: whether it is one, in one piece, without closed pores."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_geometry.surfaces.triangles import edge_faults, face_pieces, piece_volumes, touching_vertices
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+def shell_facts(vertices: Floats, faces: Ints) -> dict[str, bool | int | float]:
+    """Return of a surface, (n, 3) and (m, 3), whether it is a manifold, and count its pieces and closed pores."""
+    faults = edge_faults(faces)
+    volumes = piece_volumes(vertices, faces, face_pieces(faces))
+    pieces = volumes[volumes > 0.0]
+    return {
+        "is_manifold": not any(faults) and touching_vertices(faces) == 0,
+        "solid_pieces": len(pieces),
+        "solid_largest_fraction": float(pieces.max() / pieces.sum()) if len(pieces) else 0.0,
+        "closed_pores": int((volumes < 0.0).sum()),
+    }

@@ -1,0 +1,180 @@
+"""Hexahedra fitted to a closed surface: a core of cubes, a coat of one layer around it, its outside on the surface.
+
+The coat makes every cell at the surface stand on it with one face; cubes pulled to the surface by themselves go flat
+where two or three of their faces lie in it. R. Schneiders, "A grid-based algorithm for the generation of hexahedral
+element meshes", Engineering with Computers 12 (1996) 168-177.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.volumes import lattices
+from scaffold_geometry.volumes.cells import faces as faces_of
+from scaffold_geometry.volumes.hexahedra import cores
+from scaffold_geometry.volumes.hexahedra.overlaps import Mask
+from scaffold_geometry.voxels.grids import grid_over, grown, samples_inside
+
+_DEPTH, _SHALLOWEST = -0.1, -0.5
+"""Least depth of a cube's centre below the surface, in cubes, to belong to the core, and to mend its boundary.
+
+Of 0.5, 0.2, 0 and -0.1, a hip bone's mesh filled 0.90, 0.96, 0.98 and 0.996 of it: deeper cores miss what is thin.
+"""
+
+_COAT = 0.1
+"""Thickness of the coat to begin with, cubes: no cell has a scaled Jacobian below 0.5 then."""
+
+_SWEEPS, _LAST = 20, 3
+"""Sweeps over all vertices, of which the last ones free none; more change the third digit."""
+
+_RELEASE = 4
+"""Every so many sweeps the vertices of poor cells leave the surface for one, or they block each other for good.
+
+A heel bone kept 6 of 1,330 vertices off its surface without, none with it.
+"""
+
+_POOR = 0.2
+"""Scaled Jacobian of a poor cell."""
+
+_PUSH = 0.2
+"""How far outwards, in cubes, a place is taken before the surface's nearest point is sought.
+
+Edges and corners are reached, and from amid a thin part its own side: 0 left 10 % of a box unfilled, 0.1 left 7 % and
+0.2 left 2 %; with 0.6 a hip bone had 21 vertices off its surface instead of 5.
+"""
+
+_FLOORS = (0.05, 0.3)
+"""Scaled Jacobian that no cell falls below in the first and in the second half of the sweeps."""
+
+_LAST_FLOOR = 0.1
+"""The same in the last attempts to reach the surface."""
+
+
+class Coated(NamedTuple):
+    """A core and its coat: `places` (n, 3) in cubes of the grid, `cells` (m, 8).
+
+    `lattice` (n, 3) is the place in the grid of each vertex, or of that which it coats; the first `inner` are within.
+    """
+
+    places: Floats
+    cells: Ints
+    lattice: Ints
+    inner: int
+
+
+def fitted(vertices: Floats, faces: Ints, size: float) -> tuple[Floats, Ints, int] | None:
+    """Return vertices (n, 3) and hexahedra (m, 8) of edges of some `size` mm, and how many vertices are within.
+
+    The others are the boundary's. No cell is inverted; a boundary vertex that would invert one stays off the surface.
+    None where no cube is deep enough to begin with.
+    """
+    bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
+    # An even number of cubes about the middle: mirrored vertices are then moved in the same order.
+    origin, doubled = grid_over(bounds, 2.0 * size, 1)
+    shape = (2 * doubled[0] - 2, 2 * doubled[1] - 2, 2 * doubled[2] - 2)
+    depths = _depths(vertices, faces, origin, size, shape)
+    core = cores.mended(depths >= _DEPTH, depths, _SHALLOWEST)
+    if not core.any():
+        return None
+    coated = _coated(core)
+    start = origin + size * coated.places
+    return _relaxed(start, coated, (vertices, faces), size), coated.cells, coated.inner
+
+
+def _depths(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: tuple[int, int, int]) -> Floats:
+    """Return how deep each cube's centre lies below the surface, in cubes; -inf far outside."""
+    import igl
+
+    inside = samples_inside(vertices, faces, origin + size / 2.0, size, shape)
+    near = grown(inside, 1)
+    centres = origin + size * (np.argwhere(near) + 0.5)
+    squared, _, _ = igl.point_mesh_squared_distance(centres, vertices, faces)
+    depths = np.full(shape, -np.inf)
+    depths[near] = np.where(inside[near], 1.0, -1.0) * np.sqrt(squared) / size
+    return depths
+
+
+def _coated(core: Mask) -> Coated:
+    """Return the core's cubes with a cell on each face of its boundary, a little way out."""
+    lattice, cubes = lattices.on_lattice(np.argwhere(core), lattices.HEXAHEDRON)
+    quadrangles = faces_of({"hexahedron": cubes}).quadrangles
+    under, ring = np.unique(quadrangles, return_inverse=True)
+    ring = len(lattice) + ring.reshape(quadrangles.shape)
+    ways = cores.outwards(core)[0][tuple(lattice[under].T)].astype(np.float64)
+    ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+    return Coated(
+        places=np.concatenate([lattice, lattice[under] + _COAT * ways]),
+        cells=np.concatenate([cubes, np.concatenate([quadrangles, ring], axis=1)]),
+        lattice=np.concatenate([lattice, lattice[under]]),
+        inner=len(lattice),
+    )
+
+
+def _relaxed(start: Floats, coated: Coated, surface: tuple[Floats, Ints], size: float) -> Floats:
+    """Return the vertices moved so that cells come near to cubes and the boundary onto the surface."""
+    from scaffold_geometry.volumes.hexahedra.quality import least_jacobians, sweep
+
+    cells, count = coated.cells, len(start)
+    outer = np.arange(coated.inner, count)
+    # Vertices of one parity share no cell, so that their order among each other decides nothing.
+    parity = (coated.lattice % 2) @ [4, 2, 1]
+    order = np.lexsort([parity, np.arange(count) >= coated.inner])
+    owners = np.argsort(cells.ravel(), kind="stable") // cells.shape[1]
+    starts = np.concatenate([[0], np.cumsum(np.bincount(cells.ravel(), minlength=count))])
+    moved = start.copy()
+    for round_ in range(_SWEEPS):
+        quality = least_jacobians(moved, cells)
+        targets, is_bound = _squared(moved, cells, quality, size), np.ones(count, bool)
+        if round_ % _RELEASE == _RELEASE - 1 and round_ < _SWEEPS - _LAST:
+            is_bound[cells[quality < _POOR]] = False
+        pushed = targets[outer] + _PUSH * size * _outward(moved, coated)
+        bound = is_bound[outer]
+        targets[outer[bound]] = nearest(pushed[bound], surface)
+        sweep(moved, targets, order, cells, starts, owners, _FLOORS[2 * round_ // _SWEEPS])
+    for _ in range(_LAST):
+        targets = moved.copy()
+        targets[outer] = nearest(moved[outer], surface)
+        sweep(moved, targets, order[-len(outer) :], cells, starts, owners, _LAST_FLOOR)
+    return moved
+
+
+def _outward(vertices: Floats, coated: Coated) -> Floats:
+    """Return the unit normal of the boundary at each of its vertices, (k, 3)."""
+    ring = coated.cells[coated.cells[:, -1] >= coated.inner, 4:]
+    a, b, c, d = np.moveaxis(vertices[ring], 1, 0)
+    normals = np.zeros((len(vertices), 3))
+    np.add.at(normals, ring, np.cross(c - a, d - b)[:, None])
+    normals = normals[coated.inner :]
+    return np.asarray(normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny))
+
+
+def nearest(points: Floats, surface: tuple[Floats, Ints]) -> Floats:
+    """Return the point of a surface that is nearest to each of `points` (k, 3)."""
+    import igl
+
+    found = igl.point_mesh_squared_distance(np.ascontiguousarray(points), *surface)[2]
+    return np.asarray(found, np.float64)
+
+
+def _squared(vertices: Floats, cells: Ints, quality: Floats, size: float) -> Floats:
+    """Return where each vertex is wanted, (n, 3): the mean of its places in the cubes nearest to its cells.
+
+    Each cell's cube has its centre, the rotation that fits best (W. Kabsch, Acta Crystallographica A32 (1976) 922) and
+    an edge half-way, as ratios go, from what fits best to `size`; poor cells weigh more.
+    """
+    cube = lattices.HEXAHEDRON - 0.5
+    corners = vertices[cells]
+    centres = corners.mean(axis=1, keepdims=True)
+    left, stretches, right = np.linalg.svd(np.einsum("mki,kj->mij", corners - centres, cube))
+    handed = np.linalg.det(left @ right)
+    left[:, :, 2] *= handed[:, None]
+    fitting = (stretches[:, 0] + stretches[:, 1] + handed * stretches[:, 2]) / (cube**2).sum()
+    edges = np.sqrt(np.maximum(fitting, 0.0) * size)
+    places = centres + edges[:, None, None] * np.einsum("mij,kj->mki", left @ right, cube)
+    weights = np.repeat(1.0 / np.maximum(quality, _FLOORS[0]), cells.shape[1])
+    indices, count = cells.ravel(), len(vertices)
+    sums = [np.bincount(indices, weights * places[:, :, axis].ravel(), count) for axis in range(3)]
+    return np.stack(sums, axis=1) / np.bincount(indices, weights, count)[:, None]

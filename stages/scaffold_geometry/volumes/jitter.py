@@ -1,0 +1,92 @@
+"""Vertices moved so that no cell turns over: steps that would are held back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_pipeline.artifacts.cells import CELL_TYPES, edges_of_cells
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Cells = Mapping[str, Ints]
+
+LEAST_SHARE = 0.05
+"""Share of its volume or area that every part of a cell keeps: below it a cell is nearly flat, and its channels touch
+its edges."""
+
+_HALVINGS = 6
+"""Halvings of a step before it is given up: a sixty-fourth of it is no movement to speak of."""
+
+
+def random_steps(vertices: Floats, cells: Cells, amount: float, rng: np.random.Generator, dimensions: int) -> Floats:
+    """Return a step for each vertex, (n, 3) mm, along the first axes: at most `amount` of its edges' mean length.
+
+    Directions are uniform on the sphere or circle, distances uniform up to the greatest.
+    """
+    edges, count = edges_of_cells(cells), len(vertices)
+    lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
+    local = np.bincount(edges.ravel(), np.repeat(lengths, 2), count) / np.bincount(edges.ravel(), minlength=count)
+    directions = rng.standard_normal((count, dimensions))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    steps = np.zeros((count, 3))
+    steps[:, :dimensions] = directions * (rng.uniform(0.0, amount, count) * local)[:, None]
+    return steps
+
+
+def sound_move(
+    vertices: Floats, cells: Cells, steps: Floats, settle: Callable[[Mask, Floats], Floats] | None = None
+) -> tuple[Floats, Floats]:
+    """Return the moved vertices (n, 3) and the factor of each step (n,): 1, or less where a cell would turn over.
+
+    All vertices of all offending cells are held back at once, so that the order of cells decides nothing. `settle`
+    takes which vertices move, (n,), and where to, (n, 3), and returns where they shall be instead.
+    """
+    scales, halvings = np.ones(len(steps)), np.zeros(len(steps), int)
+    least = {kind: _least_parts(vertices, corners, kind) for kind, corners in cells.items()}
+    moved, changed = vertices.copy(), np.ones(len(steps), bool)
+    while changed.any():
+        moved[changed] = vertices[changed] + scales[changed, None] * steps[changed]
+        if settle:
+            moved = settle(changed, moved)
+        offenders = [
+            corners[(parts_of(moved, corners, kind) < least[kind]).any(axis=1)].ravel()
+            for kind, corners in cells.items()
+        ]
+        changed = np.zeros(len(steps), bool)
+        changed[np.concatenate(offenders)] = True
+        changed &= scales > 0.0
+        halvings[changed] += 1
+        scales[changed] = np.where(halvings[changed] > _HALVINGS, 0.0, scales[changed] / 2.0)
+    return moved, scales
+
+
+def _least_parts(vertices: Floats, cells: Ints, kind: str) -> Floats:
+    """Return the least that each part of each cell may come to, (m, k): a share of its own.
+
+    A cell that is folded to begin with, some part of it not positive, may not fold further.
+    """
+    parts = parts_of(vertices, cells, kind)
+    return np.asarray(np.where((parts > 0.0).all(axis=1, keepdims=True), LEAST_SHARE * parts, parts))
+
+
+def parts_of(vertices: Floats, cells: Ints, kind: str) -> Floats:
+    """Return the signed volumes of the tetrahedra between a cell's centre, its face centres and its edges, (m, k).
+
+    Of a planar cell, the signed areas of the triangles between its centre and its edges. Where all are positive, all
+    of the cell is seen from its centre, and every channel lies within it.
+    """
+    corners = vertices[cells]
+    spokes = corners - corners.mean(axis=1, keepdims=True)
+    if CELL_TYPES[kind].is_planar:
+        return np.asarray(np.cross(spokes, np.roll(spokes, -1, axis=1))[:, :, 2] / 2.0)
+    parts = []
+    for face in CELL_TYPES[kind].faces:
+        ring = spokes[:, face]
+        hub = ring.mean(axis=1)
+        ahead = np.roll(ring, -1, axis=1)
+        parts.append(np.einsum("ij,ikj->ik", hub, np.cross(ring, ahead)) / 6.0)
+    return np.concatenate(parts, axis=1)

@@ -1,0 +1,1 @@
+"""Regular grids: samples, voxel images, iso-surfaces and offsets."""

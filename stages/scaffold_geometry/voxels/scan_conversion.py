@@ -1,0 +1,79 @@
+"""Which samples of a grid lie inside a closed surface: each triangle turns the columns that it crosses.
+
+The winding number along columns of samples, the sum of the signs of the triangles below: W. Randolph Franklin's
+crossings rule in the plane, which makes rows of samples of a triangle, and the same rule along the columns.
+All edges of a triangle are cut with a row from the lower end to the upper one, so that both triangles of an edge find
+the same point to the last digit: their shares of each row abut, and no column is crossed by one side of a surface
+only, wherever samples lie on edges or corners. Everything is half-open: a sample on a face at the low end of a body, on
+any axis, is inside it, and one on a face at its high end is outside, so that bodies side by side share no sample.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scaffold_geometry.jit import kernel
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@kernel
+def add_turns(vertices: Floats, faces: Ints, turns: NDArray[np.int8], sums: NDArray[np.int32]) -> None:
+    """Add to `turns` (nx, ny, nz), at the first sample of a column above each crossing, +1 going in and -1 going out.
+
+    `vertices` (n, 3) count in samples from the first one. `sums` (nx, ny) are those of all crossings of each column,
+    those above its last sample too: 0 where the surface of `faces` (m, 3) is closed.
+    """
+    nx, ny, nz = turns.shape
+    corner = np.empty((3, 3))
+    ends = np.empty(
+        (2, 2)
+    )  # x and z where the row leaves the triangle to the left of a rising edge, and of a falling one
+    for face in range(len(faces)):
+        for side in range(3):
+            for axis in range(3):
+                corner[side, axis] = vertices[faces[face, side], axis]
+        low = min(corner[0, 1], corner[1, 1], corner[2, 1])
+        high = max(corner[0, 1], corner[1, 1], corner[2, 1])
+        for row in range(max(math.ceil(low), 0), min(math.ceil(high), ny)):
+            _cut(corner, row, ends)
+            rises, falls = ends[0, 0], ends[1, 0]
+            sign = -1 if rises > falls else 1
+            first, last = math.ceil(min(rises, falls)), math.ceil(max(rises, falls))
+            for column in range(max(first, 0), min(last, nx)):
+                height = ends[1, 1] + (column - falls) / (rises - falls) * (ends[0, 1] - ends[1, 1])
+                sums[column, row] += sign
+                above = max(math.ceil(height), 0)
+                if above < nz:
+                    turns[column, row, above] += sign
+
+
+@kernel(inline=True)
+def _cut(corner: Floats, row: int, ends: Floats) -> None:
+    """Cut the two edges of a triangle that reach from at or below a row to above it."""
+    for side in range(3):
+        start, end = side, (side + 1) % 3
+        if (corner[start, 1] <= row) == (corner[end, 1] <= row):
+            continue
+        is_falling = 0 if corner[start, 1] <= row else 1
+        below, over = (end, start) if is_falling else (start, end)
+        share = (row - corner[below, 1]) / (corner[over, 1] - corner[below, 1])
+        ends[is_falling, 0] = corner[below, 0] + share * (corner[over, 0] - corner[below, 0])
+        ends[is_falling, 1] = corner[below, 2] + share * (corner[over, 2] - corner[below, 2])
+
+
+@kernel
+def mark_inside(turns: NDArray[np.int8], phases: NDArray[np.uint8], within: int, phase: int) -> None:
+    """Give `phase` to the samples of `phases` (nx, ny, nz) that have the phase `within` and lie inside."""
+    nx, ny, nz = turns.shape
+    for i in range(nx):
+        for j in range(ny):
+            winding = 0
+            for k in range(nz):
+                winding += turns[i, j, k]
+                if winding > 0 and phases[i, j, k] == within:
+                    phases[i, j, k] = phase
