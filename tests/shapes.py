@@ -147,7 +147,7 @@ def cone(radius: float, height: float, segments: int = 64) -> Surface:
 
 def fused(*surfaces: Surface) -> Surface:
     """Return the union of closed surfaces as one."""
-    return booleans.from_body(sum((_body(part) for part in surfaces[1:]), _body(surfaces[0])))
+    return booleans.from_manifold(sum((_body(part) for part in surfaces[1:]), _body(surfaces[0])))
 
 
 def without(whole: Surface, *parts: Surface) -> Surface:
@@ -155,7 +155,7 @@ def without(whole: Surface, *parts: Surface) -> Surface:
     body = _body(whole)
     for part in parts:
         body -= _body(part)
-    return booleans.from_body(body)
+    return booleans.from_manifold(body)
 
 
 def turned_about_x(surface: Surface, degrees: float) -> Surface:
@@ -163,5 +163,5 @@ def turned_about_x(surface: Surface, degrees: float) -> Surface:
     return surface[0] @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]).T, surface[1]
 
 
-def _body(surface: Surface) -> booleans.Body:
-    return booleans.to_body(*surface, "part")
+def _body(surface: Surface) -> booleans.Manifold:
+    return booleans.to_manifold(*surface, "part")

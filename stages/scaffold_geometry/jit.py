@@ -62,7 +62,7 @@ def kernel(function: Kernel | None = None, /, *, fastmath: Fastmath = False, inl
     `inline` puts its code into every caller's: what a formula in a loop needs for the loop to become a vector's.
     LLVM left to itself calls all but the smallest; for the distance to a segment that cost a factor of four.
     """
-    return _compiled(function, fastmath=fastmath, forceinline=inline)
+    return _compile(function, fastmath=fastmath, forceinline=inline)
 
 
 @overload
@@ -75,10 +75,10 @@ def parallel_kernel(*, fastmath: Fastmath = False) -> Callable[[Kernel], Kernel]
 
 def parallel_kernel(function: Kernel | None = None, /, *, fastmath: Fastmath = False) -> Any:
     """Compile a function whose `prange` loops run on all threads."""
-    return _compiled(function, fastmath=fastmath, parallel=True)
+    return _compile(function, fastmath=fastmath, parallel=True)
 
 
-def _compiled(function: Kernel | None, *, fastmath: Fastmath, **flags: bool) -> Any:  # noqa: ANN401
+def _compile(function: Kernel | None, *, fastmath: Fastmath, **flags: bool) -> Any:  # noqa: ANN401
     liberties = set(fastmath) if isinstance(fastmath, frozenset) else fastmath
 
     def compiled(plain: Kernel) -> Any:  # noqa: ANN401

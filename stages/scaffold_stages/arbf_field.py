@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
-from scaffold_geometry.fields.mesh_field import MeshField, sampled_field
+from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolate
+from scaffold_geometry.fields.mesh_field import MeshField, sample_mesh_field
 from scaffold_geometry.fields.sampling import SamplingParams, Voxels
 from scaffold_pipeline.artifacts import CellMesh, Fact, Floats, OuterShape, ScalarField
 from scaffold_pipeline.errors import PipelineWarning, StageError
@@ -104,12 +104,12 @@ def arbf_field(
     not both reach all but a thousandth of the samples inside.
     """
     usual_c = _PLANAR_C if mesh.IS_PLANAR else _NORMALISED_C
-    of_normalised = partial(_normalised, c=params.c or usual_c, executor=executor)
+    of_normalised = partial(_normalised_field, c=params.c or usual_c, executor=executor)
     field_of = of_normalised if params.interpolation == "normalised" else _exact
-    return sampled_field(mesh, outer, params, partial(field_of, params=params))
+    return sample_mesh_field(mesh, outer, params, partial(field_of, params=params))
 
 
-def _normalised(skeleton: Skeleton, params: ArbfFieldParams, c: float, executor: Executor | None) -> MeshField:
+def _normalised_field(skeleton: Skeleton, params: ArbfFieldParams, c: float, executor: Executor | None) -> MeshField:
     from scaffold_geometry.fields.shepard import segments_of
 
     support = params.support or _SUPPORT
@@ -131,10 +131,10 @@ def _normalised(skeleton: Skeleton, params: ArbfFieldParams, c: float, executor:
 
 
 def _on_voxels(segments: Segments, voxels: Voxels, support: float, executor: Executor | None) -> NDArray[np.float32]:
-    from scaffold_geometry.fields.slabs import filled, in_slabs
+    from scaffold_geometry.fields.slabs import compute_slab, in_slabs
 
     if executor is None:
-        values, half_reached = filled(segments, voxels, _BOX)
+        values, half_reached = compute_slab(segments, voxels, _BOX)
     else:
         values, half_reached = in_slabs(segments, voxels, _BOX, executor)
     _require_reached(half_reached, int(voxels.inside.sum()), support)
@@ -184,6 +184,6 @@ def _exact(skeleton: Skeleton, params: ArbfFieldParams) -> MeshField:
         remedy="interpolation: normalised",
         basis=params.basis or "inverse_multiquadric",
         c=DEFAULT_C if params.c is None else params.c,
-        reading=params.distance or "endpoint-to-segment",
+        distance_definition=params.distance or "endpoint-to-segment",
     )
-    return interpolated(elements, targets, method)
+    return interpolate(elements, targets, method)

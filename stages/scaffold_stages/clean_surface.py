@@ -52,10 +52,10 @@ def clean_surface(porous: IsoSurface, *, params: CleanSurfaceParams) -> IsoSurfa
     vertices, faces = _without_flats(*drop_unreferenced(porous.vertices, kept))
     facts["flat_triangles_removed"] = len(kept) - len(faces)
     if params.smoothing:
-        vertices = _smoothed(vertices, faces, params.smoothing)
+        vertices = _smooth(vertices, faces, params.smoothing)
     if params.simplify > 0.0:
         count = len(faces)
-        vertices, faces, facts["simplification_error"] = _simplified(vertices, faces, params.simplify)
+        vertices, faces, facts["simplification_error"] = _simplify(vertices, faces, params.simplify)
         facts["triangles_merged"] = count - len(faces)
     return IsoSurface(vertices, faces, porous.iso, porous.porosity_requested, porous.skin, {**porous.facts, **facts})
 
@@ -82,15 +82,15 @@ def _without_crumbs(porous: IsoSurface, min_piece: float) -> tuple[Ints, dict[st
 
 def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the surface with an edge of each flat triangle collapsed: taking the triangle out would open a hole."""
-    from scaffold_geometry.surfaces.booleans import from_body, simplified, to_body
+    from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 
-    body = to_body(vertices, faces, "surface to clean")
+    body = to_manifold(vertices, faces, "surface to clean")
     if not flat_faces(vertices, faces).any():
         return vertices, faces
-    return from_body(simplified(body, 0.0))
+    return from_manifold(simplify_manifold(body, 0.0))
 
 
-def _smoothed(vertices: Floats, faces: Ints, steps: int) -> Floats:
+def _smooth(vertices: Floats, faces: Ints, steps: int) -> Floats:
     answer = call_in_child(
         smooth_with_meshlab,
         {"vertices": vertices, "faces": faces},
@@ -101,13 +101,13 @@ def _smoothed(vertices: Floats, faces: Ints, steps: int) -> Floats:
     return _at_volume_of(vertices, answer["vertices"], faces)
 
 
-def _simplified(vertices: Floats, faces: Ints, error: float) -> tuple[Floats, Ints, float]:
+def _simplify(vertices: Floats, faces: Ints, error: float) -> tuple[Floats, Ints, float]:
     """Return the surface with fewer triangles, and how far the two surfaces lie apart: no more than `error` mm."""
-    from scaffold_geometry.surfaces.booleans import from_body, simplified, to_body
+    from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 
-    body, allowed = to_body(vertices, faces, "surface to simplify"), _FIRST_SHARE * error
+    body, allowed = to_manifold(vertices, faces, "surface to simplify"), _FIRST_SHARE * error
     for _ in range(_SIMPLIFICATIONS):
-        fewer_vertices, fewer_faces = from_body(simplified(body, allowed))
+        fewer_vertices, fewer_faces = from_manifold(simplify_manifold(body, allowed))
         apart = _distance(vertices, faces, fewer_vertices, fewer_faces)
         if apart <= error:
             return fewer_vertices, fewer_faces, apart

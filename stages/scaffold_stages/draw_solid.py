@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from scaffold_geometry.drawing.sections import AXES, nearest_values, section_svg, sections, simplified
+from scaffold_geometry.drawing.sections import AXES, nearest_values, section_svg, sections, simplify_surface
 from scaffold_pipeline.artifacts import Fact, Metrics, OuterShape, Solid, SurfaceMesh, WrittenFiles
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.isolation import call_in_child
@@ -71,8 +71,8 @@ def _write_view(
     solid: Solid, outer: OuterShape | None, metrics: Metrics | None, triangles: int, path: Path
 ) -> dict[str, Fact]:
     try:
-        copy = _simplified(solid, triangles)
-        outside = _simplified(outer, _OUTER_TRIANGLES) if outer else {}
+        copy = _simplify(solid, triangles)
+        outside = _simplify(outer, _OUTER_TRIANGLES) if outer else {}
     except StageError as error:
         return {"view": _not_drawn(path.name, error)}
     thickness = metrics.strut_thickness if metrics else np.empty(0)
@@ -83,9 +83,11 @@ def _write_view(
     return {"view": path.name, "view_triangles": len(copy["faces"]), "view_has_thickness": "thickness" in copy}
 
 
-def _simplified(surface: SurfaceMesh, triangles: int) -> Arrays:
+def _simplify(surface: SurfaceMesh, triangles: int) -> Arrays:
     arrays = {"vertices": surface.vertices, "faces": surface.faces}
-    return call_in_child(simplified, arrays, {"triangles": triangles}, seconds=_SECONDS, about="simplifying the solid")
+    return call_in_child(
+        simplify_surface, arrays, {"triangles": triangles}, seconds=_SECONDS, about="simplifying the solid"
+    )
 
 
 def _write_sections(

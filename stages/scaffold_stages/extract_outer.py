@@ -52,7 +52,7 @@ def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape
     notes = [f"boundary of {cells.count(mesh.cells)} cells, {len(faces.quadrangles)} of its faces quadrangles"]
     vertices, surface = triangles.drop_unreferenced(mesh.vertices, surface)
     facts: dict[str, Fact] = {}
-    vertices, surface = _parted(vertices, surface, params, notes, facts)
+    vertices, surface = _split_touching(vertices, surface, params, notes, facts)
     _require_no_self_intersection(vertices, surface)
     outer = OuterShape(vertices, surface)
     bent = facts["boundary_volume_difference"] = outer.volume / mesh.volume - 1.0
@@ -87,7 +87,7 @@ def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
             )
 
 
-def _parted(
+def _split_touching(
     vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: list[str], facts: dict[str, Fact]
 ) -> tuple[Floats, Ints]:
     """Move the surface apart where it touches itself."""
@@ -100,7 +100,7 @@ def _parted(
             f"`touching: part` to move it apart there, or {_REPAIR}"
         )
     try:
-        parted = vertex_splitting.parted(vertices, surface)
+        parted = vertex_splitting.split_non_manifold(vertices, surface)
     except StageError as error:
         raise StageError(f"mesh: {error}; {_REPAIR}") from error
     said = (
@@ -119,7 +119,7 @@ def _parted(
 
 def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
     found = call_in_child(
-        self_intersections.crossing_faces,
+        self_intersections.find_self_intersections,
         {"vertices": vertices, "faces": surface},
         {},
         seconds=60.0 + len(surface) / 5_000,  # exact arithmetic; millions of sound triangles take seconds

@@ -25,10 +25,10 @@ def extrude(contour: Contour, *, params: ExtrudeParams) -> Solid:
     All its pieces are kept. Raises `StageError` where it has details finer than single precision holds.
     """
     from scaffold_geometry.planar import regions
-    from scaffold_geometry.surfaces.float32 import in_single_precision
+    from scaffold_geometry.surfaces.float32 import snap_to_float32
 
     surface = regions.prism(contour.solid.rings, contour.z, contour.z + params.height)
-    rounded = in_single_precision(*surface, "plate")
+    rounded = snap_to_float32(*surface, "plate")
     facts: dict[str, Fact] = {"height_mm": params.height, "pieces": contour.pieces, "holes": contour.holes}
     return Solid(rounded.vertices, rounded.faces, params.height * _pore_areas(contour), facts)
 

@@ -52,7 +52,7 @@ def hexahedralise(outer: OuterShape, *, params: HexahedraliseParams) -> VolumeMe
     _require_size(outer, params.cell_size)
     if params.kind == "grid":
         return _cubes(outer, params.cell_size)
-    found = fitting.fitted(outer.vertices, outer.faces, params.cell_size)
+    found = fitting.fit_hexahedra(outer.vertices, outer.faces, params.cell_size)
     if found is None:
         raise StageError(
             f"cell_size {params.cell_size:g} mm: no cell fits into the outer shape of {_extent(outer)} mm; lower it"
@@ -71,10 +71,10 @@ def _extent(outer: OuterShape) -> str:
 def _require_size(outer: OuterShape, size: float) -> None:
     if size > np.ptp(outer.bounds, axis=0).max():
         raise StageError(f"cell_size {size:g} mm: larger than the outer shape of {_extent(outer)} mm; lower it")
-    needed, there = _memory_needed(outer, size), available_memory()
+    needed, there = _estimate_memory(outer, size), available_memory()
     if needed > there:
         fitting_size = size
-        while _memory_needed(outer, fitting_size) > there:
+        while _estimate_memory(outer, fitting_size) > there:
             fitting_size = float(f"{1.1 * fitting_size:.2g}")
         raise StageError(
             f"cell_size {size:g} mm: the cells need {needed / 2**30:.1f} GiB, but {there / 2**30:.1f} GiB are free; "
@@ -82,7 +82,7 @@ def _require_size(outer: OuterShape, size: float) -> None:
         )
 
 
-def _memory_needed(outer: OuterShape, size: float) -> float:
+def _estimate_memory(outer: OuterShape, size: float) -> float:
     """Return the bytes that cells of `size` mm need: the cubes of the shape's box, and those that meet it."""
     counts: list[float] = (np.ptp(outer.bounds, axis=0) / size + 5.0).tolist()
     # A plane's staircase has at most 1.73 times its area, and each square of it a cell.

@@ -49,9 +49,9 @@ def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
         "vertices": len(vertices),
         "triangles": len(faces),
         "degenerate_triangles": int(triangles.flat_faces(vertices, faces).sum()),
-        "duplicate_triangles": int(triangles.repeated_faces(faces).sum()),
+        "duplicate_triangles": int(triangles.duplicate_faces(faces).sum()),
         **_size(vertices, faces),
-        **_topology(vertices, faces[~triangles.collapsed_faces(faces)]),
+        **_topology(vertices, faces[~triangles.duplicate_vertex_faces(faces)]),
         **_intersections(vertices, faces, params.path.name),
         "manifold3d": _manifold_status(vertices, faces),
         "notes": "; ".join(content.notes),
@@ -101,7 +101,7 @@ def _topology(vertices: Floats, faces: Ints) -> dict[str, Fact]:
 def _intersections(vertices: Floats, faces: Ints, name: str) -> dict[str, Fact]:
     try:
         found = call_in_child(
-            self_intersections.crossing_faces,
+            self_intersections.find_self_intersections,
             {"vertices": vertices, "faces": faces[~triangles.flat_faces(vertices, faces)]},
             {},
             seconds=_SEARCH_SECONDS,

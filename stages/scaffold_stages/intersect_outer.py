@@ -30,20 +30,22 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
     not a closed manifold, the skin leaves no pore, or nothing remains.
     """
     from scaffold_geometry.surfaces import booleans
-    from scaffold_geometry.surfaces.float32 import in_single_precision
+    from scaffold_geometry.surfaces.float32 import snap_to_float32
 
     _require_counted(porous, params.skin)
-    shape = booleans.to_body(outer.vertices, outer.faces, "outer shape")
-    core = booleans.core_under(outer.vertices, outer.faces, params.skin)
-    solid, void = booleans.clipped(booleans.to_body(porous.vertices, porous.faces, "porous surface"), shape, core)
+    shape = booleans.to_manifold(outer.vertices, outer.faces, "outer shape")
+    core = booleans.offset_core(outer.vertices, outer.faces, params.skin)
+    solid, void = booleans.clip_to_outer(
+        booleans.to_manifold(porous.vertices, porous.faces, "porous surface"), shape, core
+    )
     if solid.is_empty():
         raise StageError("nothing remains inside the outer shape; lower porosity or iso")
-    shells = booleans.shells_of(solid)
+    shells = booleans.split_shells(solid)
     smallest_kept = 1.0 if params.fill else params.min_closed_pore
-    kept = booleans.main_piece(shells, smallest_kept * (shape.volume() - solid.volume()))
-    pores = booleans.pore_volumes(booleans.shells_of(void), kept, shape.volume())
+    kept = booleans.find_main_piece(shells, smallest_kept * (shape.volume() - solid.volume()))
+    pores = booleans.pore_volumes(booleans.split_shells(void), kept, shape.volume())
     surface = outer.vertices, outer.faces
-    rounded = in_single_precision(*shells.mesh_of(kept.is_kept), "clipped solid")
+    rounded = snap_to_float32(*shells.mesh_of(kept.is_kept), "clipped solid")
     facts: dict[str, Fact] = {
         "rounding_distance_mm": rounded.moved,
         "clip_distance_mm": booleans.distance_from(shape, solid, kept.is_kept[shells.numbers], surface),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scaffold_geometry.voxels.grids import samples_inside
-from scaffold_geometry.voxels.iso_surface import iso_surface
+from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface, OuterShape, ScalarField
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.stages.contract import Follows, Millimetres, Params, Share, Unit, stage
@@ -74,7 +74,7 @@ def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParam
             f"iso {params.iso:g}: no surface inside the outer shape, where the field runs from {samples[0]:.4g} to "
             f"{samples[-1]:.4g}; choose a value between"
         )
-    vertices, faces = iso_surface(field.values, params.iso, field.origin, field.spacing)
+    vertices, faces = extract_iso_surface(field.values, params.iso, field.origin, field.spacing)
     return IsoSurface(vertices, faces, iso=params.iso, skin=params.skin)
 
 
@@ -95,27 +95,27 @@ class _Search:
     def __init__(
         self, field: ScalarField, outer: OuterShape, samples: NDArray[np.float32], params: IsosurfaceParams
     ) -> None:
-        from scaffold_geometry.surfaces.booleans import core_under, to_body
+        from scaffold_geometry.surfaces.booleans import offset_core, to_manifold
 
         self.field, self.last = field, samples[-1]
         self.isos, self.shares = _quantiles(samples)
         self.porosity, self.skin = params.porosity or 0.0, params.skin
         self.smallest_kept = 1.0 if params.fill else params.min_closed_pore
-        self.shape = to_body(outer.vertices, outer.faces, "outer shape")
-        self.core = core_under(outer.vertices, outer.faces, params.skin)
+        self.shape = to_manifold(outer.vertices, outer.faces, "outer shape")
+        self.core = offset_core(outer.vertices, outer.faces, params.skin)
         self.greatest = (self.shape if self.core is None else self.core).volume() / self.shape.volume()
 
     def at(self, share: float) -> _Trial:
         """Try an iso: clip its surface and measure what `intersect_outer` will keep of it."""
-        from scaffold_geometry.surfaces.booleans import clipped, main_piece, shells_of, to_body
+        from scaffold_geometry.surfaces.booleans import clip_to_outer, find_main_piece, split_shells, to_manifold
 
         below_last = np.nextafter(self.last, -np.inf, dtype=np.float32)  # some sample stays above it
         iso = min(float(np.interp(share, self.shares, self.isos)), float(below_last))
-        vertices, faces = iso_surface(self.field.values, iso, self.field.origin, self.field.spacing)
-        solid, _ = clipped(to_body(vertices, faces, f"iso-surface at {iso:.4g}"), self.shape, self.core)
+        vertices, faces = extract_iso_surface(self.field.values, iso, self.field.origin, self.field.spacing)
+        solid, _ = clip_to_outer(to_manifold(vertices, faces, f"iso-surface at {iso:.4g}"), self.shape, self.core)
         volume = self.shape.volume()
         least = self.smallest_kept * (volume - solid.volume())
-        kept = 0.0 if solid.is_empty() else main_piece(shells_of(solid), least).volume
+        kept = 0.0 if solid.is_empty() else find_main_piece(split_shells(solid), least).volume
         return _Trial(share, 1.0 - kept / volume, iso, vertices, faces)
 
 

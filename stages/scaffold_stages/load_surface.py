@@ -13,7 +13,7 @@ from scaffold_geometry.files import surfaces
 from scaffold_geometry.files.inputs import warn_of_odd_size
 from scaffold_geometry.surfaces import self_intersections, triangles
 from scaffold_geometry.surfaces.repair import displacement, mend, modes
-from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TURNED, TWICE, Account, Deed
+from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TURNED, TWICE, RepairLog, RepairOp
 from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.isolation import call_in_child
@@ -41,11 +41,11 @@ _WORTH_A_WARNING = 0.1
 _FLAT = 1e-9
 """Volume over area to the power 3/2 (0.09 for a ball) below which a closed surface bounds but a sheet."""
 
-_FLATS = Deed("triangles_without_area_dropped", "dropped {} triangles without area")
-_UNUSED = Deed("vertices_dropped", "dropped {} vertices that no triangle uses")
-_ALL = Deed("pieces_kept", "kept all of {} pieces")
-_CAVITIES = Deed("cavities", "{} pieces are cavities")
-_WRONG_WAY = Deed("pieces_turned", "turned {} pieces that faced the wrong way")
+_FLATS = RepairOp("triangles_without_area_dropped", "dropped {} triangles without area")
+_UNUSED = RepairOp("vertices_dropped", "dropped {} vertices that no triangle uses")
+_ALL = RepairOp("pieces_kept", "kept all of {} pieces")
+_CAVITIES = RepairOp("cavities", "{} pieces are cavities")
+_WRONG_WAY = RepairOp("pieces_turned", "turned {} pieces that faced the wrong way")
 
 
 class LoadSurfaceParams(Params):
@@ -81,26 +81,26 @@ def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     name = params.path.name
     content = surfaces.read_surface(params.path)
     scale, unit_note = _scale_to_mm(content, params.units, name)
-    account = Account([*content.notes, unit_note], measures={"mode": params.repair})
+    log = RepairLog([*content.notes, unit_note], measures={"mode": params.repair})
     read = content.vertices * scale, content.faces
     if params.repair == "none":
-        vertices, faces = whole = _cleaned(*read, account)
+        vertices, faces = whole = _clean(*read, log)
     else:
-        read = _merged(*read, account)
-        vertices, faces = whole = _repaired(*read, params, account)
-    _require_some(faces, params, account.notes)
-    faces, pieces = _wound(vertices, faces, account)
-    faces, pieces = _chosen(vertices, faces, pieces, params, account)
+        read = _merge(*read, log)
+        vertices, faces = whole = _repair(*read, params, log)
+    _require_some(faces, params, log.notes)
+    faces, pieces = _orient(vertices, faces, log)
+    faces, pieces = _chosen(vertices, faces, pieces, params, log)
     vertices, faces = triangles.drop_unreferenced(vertices, faces)
-    _require_closed(faces, params, account.notes)
+    _require_closed(faces, params, log.notes)
     _require_volume(vertices, faces, pieces, params)
     if params.repair != "none":
-        _require_near(read, whole, (vertices, faces), params, account)
+        _require_near(read, whole, (vertices, faces), params, log)
     _require_no_crossing(vertices, faces, params)
-    faces = _outward(vertices, faces, pieces, params, account)
+    faces = _outward(vertices, faces, pieces, params, log)
     warn_of_odd_size(vertices, name)
-    facts = {f"repair_{name}": fact for name, fact in account.facts.items()}
-    return OuterShape(vertices=vertices, faces=faces, notes=tuple(account.notes), facts=facts)
+    facts = {f"repair_{name}": fact for name, fact in log.facts.items()}
+    return OuterShape(vertices=vertices, faces=faces, notes=tuple(log.notes), facts=facts)
 
 
 def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[float, str]:
@@ -122,40 +122,40 @@ def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[fl
     return known[unit], f"unit {unit} ({'given' if units else 'from the file'}), size {size} {unit}"
 
 
-def _cleaned(vertices: Floats, faces: Ints, account: Account) -> tuple[Floats, Ints]:
+def _clean(vertices: Floats, faces: Ints, log: RepairLog) -> tuple[Floats, Ints]:
     """Merge coincident vertices; drop collapsed, repeated and flat faces and what then is not used."""
     count = len(vertices)
     vertices, faces = triangles.merge_coincident(vertices, faces)
-    account.count(MERGED, count - len(vertices))
-    faces = _without(faces, triangles.collapsed_faces(faces), TWICE, account)
-    faces = _without(faces, triangles.repeated_faces(faces), DOUBLE, account)
-    faces = _without(faces, triangles.flat_faces(vertices, faces), _FLATS, account)
+    log.count(MERGED, count - len(vertices))
+    faces = _without(faces, triangles.duplicate_vertex_faces(faces), TWICE, log)
+    faces = _without(faces, triangles.duplicate_faces(faces), DOUBLE, log)
+    faces = _without(faces, triangles.flat_faces(vertices, faces), _FLATS, log)
     count = len(vertices)
     vertices, faces = triangles.drop_unreferenced(vertices, faces)
-    account.count(_UNUSED, count - len(vertices))
+    log.count(_UNUSED, count - len(vertices))
     return vertices, faces
 
 
-def _without(faces: Ints, bad: NDArray[np.bool_], deed: Deed, account: Account) -> Ints:
-    account.count(deed, int(bad.sum()))
+def _without(faces: Ints, bad: NDArray[np.bool_], op: RepairOp, log: RepairLog) -> Ints:
+    log.count(op, int(bad.sum()))
     return faces[~bad]
 
 
-def _merged(vertices: Floats, faces: Ints, account: Account) -> Surface:
+def _merge(vertices: Floats, faces: Ints, log: RepairLog) -> Surface:
     """Give the surface one vertex for each place."""
-    done = Counter[Deed]()
-    vertices, faces = mend.merged(vertices, faces, done)
-    account.count_all(done)
+    done = Counter[RepairOp]()
+    vertices, faces = mend.merge_vertices(vertices, faces, done)
+    log.count_all(done)
     return vertices, faces
 
 
-def _repaired(vertices: Floats, faces: Ints, params: LoadSurfaceParams, account: Account) -> Surface:
+def _repair(vertices: Floats, faces: Ints, params: LoadSurfaceParams, log: RepairLog) -> Surface:
     """Mend or rebuild a surface."""
     if params.repair == "safe":
-        found = modes.safe(vertices, faces)
+        found = modes.repair_surface(vertices, faces)
     else:
-        found = modes.rebuilt(vertices, faces, _tolerance(params, vertices), params.path.name)
-    account.add(found.account)
+        found = modes.rebuild_surface(vertices, faces, _tolerance(params, vertices), params.path.name)
+    log.add(found.log)
     return found.vertices, found.faces
 
 
@@ -164,13 +164,13 @@ def _tolerance(params: LoadSurfaceParams, vertices: Floats) -> float:
     return params.tolerance or _TOLERANCE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
 
 
-def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurfaceParams, account: Account) -> None:
+def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurfaceParams, log: RepairLog) -> None:
     """Note what the repair did in numbers, and refuse it where it moved the surface too far."""
     allowed = _tolerance(params, kept[0])
-    moved = displacement.moved(read, whole, kept, allowed / _SAMPLES)
+    moved = displacement.measure_displacement(read, whole, kept, allowed / _SAMPLES)
     name, farthest = params.path.name, max(moved.lost, moved.gained, key=lambda side: side.distance)
     (volume, area), (new_volume, new_area) = (_volume_and_area(*surface) for surface in (read, whole))
-    account.measures.update(
+    log.measures.update(
         distance_mm=farthest.distance,
         tolerance_mm=allowed,
         volume_before_mm3=volume,
@@ -180,9 +180,9 @@ def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurf
         area_inside_mm2=moved.inner,
     )
     if farthest.distance == 0.0:
-        account.notes.append(f"repair {params.repair}: no place of the surface moved")
+        log.notes.append(f"repair {params.repair}: no place of the surface moved")
         return
-    account.notes.append(
+    log.notes.append(
         f"repair {params.repair}: what was read lies at most {moved.lost.distance:.3g} mm from the result, the result "
         f"at most {moved.gained.distance:.3g} mm from what was read (tolerance {allowed:.3g} mm); volume {volume:.6g} "
         f"to {new_volume:.6g} mm^3, area {area:.6g} to {new_area:.6g} mm^2"
@@ -194,7 +194,7 @@ def _require_near(read: Surface, whole: Surface, kept: Surface, params: LoadSurf
         raise StageError(
             f"{name}: repair {params.repair} moves the surface by {farthest.distance:.3g} mm ({what} at {at[0]:.4g}, "
             f"{at[1]:.4g}, {at[2]:.4g} mm), more than the tolerance of {allowed:.3g} mm; look whether that is right, "
-            f"then set `tolerance: {_rounded_up(farthest.distance):g}`, or {_BY_HAND} [{'; '.join(account.notes)}]"
+            f"then set `tolerance: {_rounded_up(farthest.distance):g}`, or {_BY_HAND} [{'; '.join(log.notes)}]"
         )
 
 
@@ -216,10 +216,10 @@ def _require_some(faces: Ints, params: LoadSurfaceParams, notes: list[str]) -> N
         raise StageError(f"{params.path.name}: no triangle is left of it ({'; '.join(notes)}); {_BY_HAND}")
 
 
-def _wound(vertices: Floats, faces: Ints, account: Account) -> tuple[Ints, Ints]:
+def _orient(vertices: Floats, faces: Ints, log: RepairLog) -> tuple[Ints, Ints]:
     """Make neighbours agree; return the faces and the piece of each, pieces by falling volume."""
     winding = triangles.consistent_winding(faces)
-    account.count(TURNED, int(winding.turn.sum()))
+    log.count(TURNED, int(winding.turn.sum()))
     faces = triangles.turn_faces(faces, winding.turn)
     pieces = triangles.face_pieces(faces)
     volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
@@ -229,16 +229,16 @@ def _wound(vertices: Floats, faces: Ints, account: Account) -> tuple[Ints, Ints]
 
 
 def _chosen(
-    vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, account: Account
+    vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, log: RepairLog
 ) -> tuple[Ints, Ints]:
     """Keep the largest piece, unless all are asked for."""
     volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
     if params.component == "all" or len(volumes) == 1:
-        account.count(_ALL, len(volumes) if len(volumes) > 1 else 0)
+        log.count(_ALL, len(volumes) if len(volumes) > 1 else 0)
         return faces, pieces
     kept = pieces == 0
-    account.measures["pieces_dropped"] = len(volumes) - 1
-    account.notes.append(
+    log.measures["pieces_dropped"] = len(volumes) - 1
+    log.notes.append(
         f"kept the largest of {len(volumes)} pieces ({volumes[0]:.6g} mm^3) and dropped {len(volumes) - 1} "
         f"({int((~kept).sum())} triangles, the greatest {volumes[1]:.6g} mm^3)"
     )
@@ -270,7 +270,7 @@ def _require_closed(faces: Ints, params: LoadSurfaceParams, notes: list[str]) ->
         raise StageError(f"{params.path.name}: does not bound a solid: {found}; {remedy} [{'; '.join(notes)}]")
 
 
-def _outward(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, account: Account) -> Ints:
+def _outward(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams, log: RepairLog) -> Ints:
     """Turn bodies outward and cavities inward.
 
     A piece that the file winds against the piece it lies in is a cavity of it (or a body in a cavity).
@@ -284,9 +284,9 @@ def _outward(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfacePar
             "so they are neither its cavities nor apart from it; set `component: largest`, `repair: rebuild` to make "
             "them part of it, or turn them inward"
         )
-    account.count(_CAVITIES, int((depth % 2 == 1).sum()))
+    log.count(_CAVITIES, int((depth % 2 == 1).sum()))
     turned = (volumes > 0) == (depth % 2 == 1)
-    account.count(_WRONG_WAY, int(turned.sum()))
+    log.count(_WRONG_WAY, int(turned.sum()))
     return triangles.turn_faces(faces, turned[pieces])
 
 
@@ -332,7 +332,7 @@ def _require_no_crossing(vertices: Floats, faces: Ints, params: LoadSurfaceParam
     """Refuse a surface that passes through itself or lies upon itself."""
     name, remedy = params.path.name, _REMEDIES[params.repair]
     found = call_in_child(
-        self_intersections.crossing_faces,
+        self_intersections.find_self_intersections,
         {"vertices": vertices, "faces": faces},
         {},
         seconds=60.0 + len(faces) / 5_000,  # exact arithmetic; millions of sound triangles take seconds

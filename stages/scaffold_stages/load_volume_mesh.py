@@ -60,17 +60,17 @@ def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
     content = read_volume(params.path)
     scale, unit_note = _scale_to_mm(content, params.units, name)
     notes = [*content.notes, unit_note]
-    vertices, kept = _used(content.vertices * scale, content.cells, notes)
+    vertices, kept = _drop_unused(content.vertices * scale, content.cells, notes)
     _require_sound_places(vertices, name)
-    vertices, kept = _merged(vertices, kept, params.merge, notes)
-    kept, turned = _cleaned(vertices, kept, name, notes)
+    vertices, kept = _merge(vertices, kept, params.merge, notes)
+    kept, turned = _clean(vertices, kept, name, notes)
     faces = cells.faces(kept)
     _require_faces_match(vertices, kept, faces, name)
     _tell_of_cracks(vertices, faces, name, notes)
     kept = _chosen(vertices, kept, faces, params, notes)
-    vertices, kept = cells.without_unused(vertices, kept)
+    vertices, kept = cells.drop_unused_vertices(vertices, kept)
     _require_agreement(vertices, kept, name)
-    folded = cells.folded(vertices, kept)
+    folded = cells.count_folded_cells(vertices, kept)
     warn_of_odd_size(vertices, name)
     _warn_of_folds(folded, cells.count(kept), name)
     by_name = {CELL_TYPES[kind].plural: corners for kind, corners in kept.items()}
@@ -100,9 +100,9 @@ def _note(notes: list[str], number: int, said: str) -> None:
         notes.append(said.format(number))
 
 
-def _used(vertices: Floats, given: Cells, notes: list[str]) -> tuple[Floats, Cells]:
+def _drop_unused(vertices: Floats, given: Cells, notes: list[str]) -> tuple[Floats, Cells]:
     """Drop the vertices that no cell has as a corner."""
-    used, kept = cells.without_unused(vertices, given)
+    used, kept = cells.drop_unused_vertices(vertices, given)
     _note(notes, len(vertices) - len(used), "dropped {} points that are no corner of a cell")
     return used, kept
 
@@ -116,33 +116,33 @@ def _require_sound_places(vertices: Floats, name: str) -> None:
         raise StageError(f"{name}: a vertex lies {farthest:.3g} mm from the origin; check `units`, or {_REPAIR}")
 
 
-def _merged(vertices: Floats, given: Cells, distance: float | None, notes: list[str]) -> tuple[Floats, Cells]:
+def _merge(vertices: Floats, given: Cells, distance: float | None, notes: list[str]) -> tuple[Floats, Cells]:
     if distance is None:
         return vertices, given
-    joined, kept = cells.without_unused(vertices, cells.merged(vertices, given, distance))
+    joined, kept = cells.drop_unused_vertices(vertices, cells.merge_vertices(vertices, given, distance))
     _note(notes, len(vertices) - len(joined), f"merged {{}} vertices within {distance:g} mm of another")
     return joined, kept
 
 
-def _cleaned(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tuple[Cells, int]:
+def _clean(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tuple[Cells, int]:
     """Drop repeated and flat cells and turn inverted ones; return the cells and how many were turned."""
-    collapsed = int(cells.collapsed(given).sum())
+    collapsed = int(cells.duplicate_vertex_cells(given).sum())
     if collapsed:
         raise StageError(
             f"{name}: {collapsed} of {cells.count(given)} cells use a vertex twice (hexahedra that stand for wedges, "
             "or a `merge` wider than a cell); write them as the cells that they are, or lower merge"
         )
-    crossed = int(cells.crossed(vertices, given).sum())
+    crossed = int(cells.self_crossing_cells(vertices, given).sum())
     if crossed > _WRONG_ORDER * cells.count(given):
         raise StageError(
             f"{name}: {crossed} of {cells.count(given)} cells have a face whose sides cross: their corners are not in "
             f"the order of the file's format; {_REPAIR}"
         )
-    kept = _without(given, cells.repeated(given), "dropped {} cells with the corners of another", notes)
+    kept = _without(given, cells.duplicate_cells(given), "dropped {} cells with the corners of another", notes)
     kept = _without(kept, cells.flat(vertices, kept), "dropped {} cells without volume", notes)
     if not kept:
         raise StageError(f"{name}: no cell has a volume; is the mesh flat? {_REPAIR} [{'; '.join(notes)}]")
-    kept, turned = cells.turned(vertices, kept)
+    kept, turned = cells.reorient_cells(vertices, kept)
     _note(notes, turned, "turned {} cells of negative volume")
     return kept, turned
 

@@ -183,7 +183,7 @@ def _femur(size: Size, facet: float) -> Mesh:
         -samples, 0.0, spacing=(spacing,) * 3, gradient_direction="ascent", method="lorensen"
     )
     vertices, faces = vertices.astype(np.float64) + _LIFE_BOX[0], faces.astype(np.int64)
-    return _relaxed(vertices, faces, _femur_distance) * scale, faces
+    return _relax(vertices, faces, _femur_distance) * scale, faces
 
 
 def _femur_distance(x: Floats, y: Floats, z: Floats) -> Floats:
@@ -225,7 +225,7 @@ def _ellipsoid(p: tuple[Floats, Floats, Floats], centre: Size, radii: Size) -> F
     return np.asarray(share * (share - 1.0) / np.maximum(slope, 1e-12))
 
 
-def _relaxed(vertices: Floats, faces: Ints, distance: Callable[[Floats, Floats, Floats], Floats]) -> Floats:
+def _relax(vertices: Floats, faces: Ints, distance: Callable[[Floats, Floats, Floats], Floats]) -> Floats:
     """Move each vertex half-way to the mean of its neighbours and back onto the surface, ten times over."""
     from scipy.sparse import coo_array
 

@@ -50,7 +50,7 @@ def measure_plate(
         "porosity": 1.0 - file.volume / outer_volume,
         "porosity_requested": contour.porosity_requested,
         "iso": contour.iso,
-        **(_certified(field.certificate, contour.iso) if field.certificate else {}),
+        **(_certificate_facts(field.certificate, contour.iso) if field.certificate else {}),
         **shell_facts(vertices, faces),
         "holes": contour.holes,
         "pore_pieces": len(solid.pore_volumes),
@@ -68,7 +68,7 @@ def measure_plate(
     return Metrics(values, tuple(_failed_gates(values, params)))
 
 
-def _certified(certificate: Certificate, iso: float) -> dict[str, Fact]:
+def _certificate_facts(certificate: Certificate, iso: float) -> dict[str, Fact]:
     """Return what the certificate says, but for the count of what is too thin: channels in a plane all end so."""
     return {name: fact for name, fact in certificate.at(iso).items() if name != "under_resolved"}
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
-from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolated
-from scaffold_geometry.fields.mesh_field import MeshField, sampled_field
+from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolate
+from scaffold_geometry.fields.mesh_field import MeshField, sample_mesh_field
 from scaffold_geometry.fields.sampling import SamplingParams
 from scaffold_pipeline.artifacts import CellMesh, OuterShape, ScalarField
 from scaffold_pipeline.stages.contract import Unit, stage
@@ -45,7 +45,7 @@ def rbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: RbfFie
     Samples more than two voxels outside the outer shape are void (-1). A planar mesh can do without one; its samples
     are one layer in its plane. Raises `StageError` where the grid or the system needs more memory than there is.
     """
-    return sampled_field(mesh, outer, params, partial(_on_points, params=params))
+    return sample_mesh_field(mesh, outer, params, partial(_on_points, params=params))
 
 
 def _on_points(skeleton: Skeleton, params: RbfFieldParams) -> MeshField:
@@ -53,4 +53,4 @@ def _on_points(skeleton: Skeleton, params: RbfFieldParams) -> MeshField:
 
     elements = points_of(skeleton)
     method = Method("rbf", "arbf_field", params.basis, DEFAULT_C if params.c is None else params.c)
-    return interpolated(elements, values_of(skeleton)[: elements.unknowns], method)
+    return interpolate(elements, values_of(skeleton)[: elements.unknowns], method)

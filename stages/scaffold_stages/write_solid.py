@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from scaffold_geometry.drawing.renders import draw_in_child, draw_surface
-from scaffold_geometry.files.solids.checks import Examiner, promise_of
+from scaffold_geometry.files.solids.checks import FileVerifier, expect_solid
 from scaffold_geometry.files.solids.formats import FORMATS
 from scaffold_geometry.files.solids.model import Mesh, Model, mesh_of_corners
 from scaffold_geometry.files.solids.pore_space import PoreSpace, pore_space
@@ -76,7 +76,7 @@ def write_solid(
             "void: needs the outer shape, which no stage before this one writes to slot 'outer'; name its slot with "
             "`from: {outer: NAME}`, or set void off"
         )
-    mesh = _rounded(solid)
+    mesh = _round_to_float32(solid)
     model = Model(mesh, params.name, params.colour.upper(), config_hash)
     facts: dict[str, Fact] = {"coordinate_step": _coordinate_step(mesh)}
     with TemporaryDirectory(dir=out, prefix=".partial-") as name:
@@ -94,11 +94,11 @@ def write_solid(
 
 def _write_surface(name: str, body: Solid, model: Model, formats: tuple[Format, ...], folder: Path) -> dict[str, Fact]:
     """Write a body in each format as the file `name`; return what the files hold."""
-    examiner = Examiner(model.mesh, promise_of(body))
+    verifier = FileVerifier(model.mesh, expect_solid(body))
     facts: dict[str, Fact] = {}
     for kind in formats:
         path = folder / f"{name}.{kind}"
-        volume = _write_checked(kind, path, model, examiner)
+        volume = _write_checked(kind, path, model, verifier)
         facts |= _facts_of_file(path, kind, model.mesh, volume)
     return facts
 
@@ -110,13 +110,13 @@ def _write_void(space: PoreSpace, model: Model, formats: tuple[Format, ...], fol
     facts = _write_surface("void", space.body, of_void, formats, folder)
     return {
         "void_volume_mm3": space.body.volume,
-        "void_pieces": promise_of(space.body).pieces,
+        "void_pieces": expect_solid(space.body).pieces,
         "void_inset_mm": space.inset,
         **{f"void_{name}": fact for name, fact in facts.items()},
     }
 
 
-def _rounded(solid: Solid) -> Mesh:
+def _round_to_float32(solid: Solid) -> Mesh:
     """Return the mesh as all files hold it, float32 and merged by equal coordinates; a warning where that moves it."""
     single = to_single(solid.vertices)
     moved = np.abs(single - solid.vertices)
@@ -144,11 +144,11 @@ def _coordinate_step(mesh: Mesh) -> float:
     return step
 
 
-def _write_checked(kind: Format, path: Path, model: Model, examiner: Examiner) -> float:
+def _write_checked(kind: Format, path: Path, model: Model, verifier: FileVerifier) -> float:
     """Write a file, have each of its readers read it, and return its volume, mm^3."""
     try:
         FORMATS[kind].write(path, model)
-        return [examiner.volume_of(read(path), reader) for reader, read in FORMATS[kind].readers.items()][-1]
+        return [verifier.volume_of(read(path), reader) for reader, read in FORMATS[kind].readers.items()][-1]
     except StageError as error:
         raise StageError(f"{path.name}: {error}; no file was kept") from error
 

@@ -28,7 +28,7 @@ from scaffold_geometry.fields.shepard_grid import TILE, field_on_tiles
 from scaffold_geometry.fields.skeleton import skeleton_of
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
 from scaffold_pipeline.processes.memory import PeakMemory
-from scaffold_stages.arbf_field import _NORMALISED_C, ArbfFieldParams, _normalised, arbf_field
+from scaffold_stages.arbf_field import _NORMALISED_C, ArbfFieldParams, _normalised_field, arbf_field
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
 from scaffold_stages.tetrahedralise import TetrahedraliseParams, tetrahedralise
 from shapes import box, tetrahedra
@@ -288,7 +288,11 @@ def sparse_rows(bone, units):
 def ready_field(mesh, outer, params):
     """Return the field of a mesh, ready to be summed on the voxels of a shape, these, and their numbers."""
     voxels = voxels_over(outer, params)
-    return _normalised(skeleton_of(mesh.vertices, mesh.cells), params, _NORMALISED_C, None), voxels, voxels.inside.shape
+    return (
+        _normalised_field(skeleton_of(mesh.vertices, mesh.cells), params, _NORMALISED_C, None),
+        voxels,
+        voxels.inside.shape,
+    )
 
 
 def growth_rows(*, small):

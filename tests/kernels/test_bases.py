@@ -11,12 +11,12 @@ from kernels.oracle import phi
 from scaffold_geometry.fields.radial_bases import (
     BASES,
     ROOT_SCALE,
-    basis_value,
     exponential,
     gaussian,
     inverse_multiquadric,
     logarithm,
     multiquadric,
+    radial_basis,
     scale_of,
     scaled_reciprocal_root,
     shift_of,
@@ -36,7 +36,7 @@ def test_a_basis_agrees_with_its_formula_in_the_distance(basis: str):
     for r in (0.0, 1e-8, 1e-3, 0.5, 1.0, 7.0):
         for c in (0.05, 1.0, 2.5):
             expected = float(phi(basis, np.array(r * r), c))
-            assert basis_value(BASES[basis], r * r, c) == pytest.approx(expected, rel=1e-12, abs=1e-15)
+            assert radial_basis(BASES[basis], r * r, c) == pytest.approx(expected, rel=1e-12, abs=1e-15)
 
 
 def test_values_at_the_element_itself():
@@ -62,7 +62,7 @@ def test_the_two_multiquadrics_are_each_others_inverses():
 def test_gaussian_and_inverse_multiquadric_fall_and_the_multiquadric_grows_with_the_distance():
     squared = np.linspace(0.0, 9.0, 50)
     for basis, sign in (("gaussian", -1), ("inverse_multiquadric", -1), ("multiquadric", 1)):
-        values = [basis_value(BASES[basis], one, 0.7) for one in squared]
+        values = [radial_basis(BASES[basis], one, 0.7) for one in squared]
         assert (sign * np.diff(values) > 0).all()
 
 
@@ -119,4 +119,4 @@ def test_a_summand_is_a_basis_function_but_for_its_scale(basis: str):
     assert math.frexp(scale_of(number))[0] in {0.5, -0.5}
     for squared in (0.0, 1e-14, 0.3, 1.0, 1e6):
         value = summand(number, squared + shift_of(number, 0.1), 0.1) / scale_of(number)
-        assert value == pytest.approx(basis_value(number, squared, 0.1), rel=1e-15)
+        assert value == pytest.approx(radial_basis(number, squared, 0.1), rel=1e-15)

@@ -8,15 +8,15 @@ import pytest
 
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.voxels import offset
-from scaffold_geometry.voxels.iso_surface import iso_surface
-from scaffold_geometry.voxels.offset import inward_offset
+from scaffold_geometry.voxels.iso_surface import extract_iso_surface
+from scaffold_geometry.voxels.offset import offset_inward
 from shapes import ball, box, require_closed, samples_over, volume_of
 
 ORIGIN = np.array([1.0, -2.0, 30.0])
 
 
 def surface(values: np.ndarray, iso: float = 0.0, spacing: float = 0.4):
-    return iso_surface(np.asarray(values, np.float32), iso, ORIGIN, spacing)
+    return extract_iso_surface(np.asarray(values, np.float32), iso, ORIGIN, spacing)
 
 
 def ellipsoid(spacing: float):
@@ -126,7 +126,7 @@ def test_the_nudge_moves_a_surface_by_less_than_a_hundredth_of_a_voxel():
 @pytest.mark.parametrize("depth", [0.2, 1.0, 2.5])
 def test_the_inward_offset_of_a_ball_is_a_smaller_ball(depth: float):
     shape = ball(5.0, (20.0, 0.0, -3.0), 5)
-    vertices, faces = inward_offset(*shape, depth)
+    vertices, faces = offset_inward(*shape, depth)
     require_closed(vertices, faces)
     assert volume_of((vertices, faces)) == pytest.approx(4.0 / 3.0 * np.pi * (5.0 - depth) ** 3, rel=0.01)
     assert np.linalg.norm(vertices - [20.0, 0.0, -3.0], axis=1) == pytest.approx(5.0 - depth, abs=0.02)
@@ -135,7 +135,7 @@ def test_the_inward_offset_of_a_ball_is_a_smaller_ball(depth: float):
 def test_the_inward_offset_of_a_box_is_a_smaller_box():
     low, high = np.array([0.0, 1.0, 2.0]), np.array([6.0, 5.0, 10.0])
     shape = box(tuple(low), tuple(high))
-    vertices, faces = inward_offset(*shape, 0.8)
+    vertices, faces = offset_inward(*shape, 0.8)
     require_closed(vertices, faces)
     assert volume_of((vertices, faces)) == pytest.approx(np.prod(high - low - 1.6), rel=0.01)
     assert vertices.min(axis=0) == pytest.approx(low + 0.8, abs=0.01)
@@ -148,21 +148,21 @@ def test_an_offset_of_less_than_a_voxel_lies_as_deep_as_asked(monkeypatch: pytes
     monkeypatch.setattr(offset, "_FINEST", 60.0)
     monkeypatch.setattr(offset, "_COARSEST", 50.0)
     shape = ball(5.0, divisions=5)  # samples 0.29 apart
-    vertices, _ = inward_offset(*shape, 0.05)
+    vertices, _ = offset_inward(*shape, 0.05)
     assert np.linalg.norm(vertices, axis=1) == pytest.approx(4.95, abs=0.01)
 
 
 def test_an_offset_deeper_than_the_shape_leaves_nothing():
-    vertices, faces = inward_offset(*box((0.0, 0.0, 0.0), (6.0, 4.0, 8.0)), 2.1)
+    vertices, faces = offset_inward(*box((0.0, 0.0, 0.0), (6.0, 4.0, 8.0)), 2.1)
     assert vertices.shape == faces.shape == (0, 3)
-    assert len(inward_offset(*box((0.0, 0.0, 0.0), (6.0, 4.0, 8.0)), 1.9)[1])
+    assert len(offset_inward(*box((0.0, 0.0, 0.0), (6.0, 4.0, 8.0)), 1.9)[1])
 
 
 def test_a_shape_with_a_notch_is_offset_from_the_notch_too():
     _, places = samples_over((0.0, 0.0, 0.0), (8.0, 8.0, 8.0), 0.5)
     solid = ((places > 0.2) & (places < 7.8)).all(axis=-1) & ~((places > 3.7).all(axis=-1))
     shape = surface(solid, 0.5, 0.5)
-    vertices, faces = inward_offset(*shape, 1.0)
+    vertices, faces = offset_inward(*shape, 1.0)
     require_closed(vertices, faces)
     squared, _, _ = igl.point_mesh_squared_distance(vertices, *shape)
     assert np.sqrt(squared) == pytest.approx(1.0, abs=0.1)

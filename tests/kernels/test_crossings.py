@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from igl.copyleft import cgal
 
-from scaffold_geometry.surfaces.triangle_intersections import _side, _turn, arealess_faces, crossing_faces
+from scaffold_geometry.surfaces.triangle_intersections import _side, _turn, degenerate_faces, self_intersecting_faces
 
 BALL = trimesh.creation.icosphere(4)
 VERTICES, FACES = np.asarray(BALL.vertices), np.asarray(BALL.faces)
@@ -32,7 +32,7 @@ def by_cgal(vertices: np.ndarray, faces: np.ndarray) -> list[int]:
 
 
 def found(vertices: np.ndarray, faces: np.ndarray) -> list[int]:
-    return np.flatnonzero(crossing_faces(vertices, faces)).tolist()
+    return np.flatnonzero(self_intersecting_faces(vertices, faces)).tolist()
 
 
 def exact_volume(points: np.ndarray) -> Fraction:
@@ -107,7 +107,7 @@ def test_random_triangles_are_judged_as_by_cgal(seed: int, span: int):
     vertices = np.unique(rng.integers(0, span, (60, 3)).astype(np.float64), axis=0)
     corners = np.sort(rng.integers(0, len(vertices), (150, 3)), axis=1)
     faces = np.unique(corners[(np.diff(corners, axis=1) > 0).all(axis=1)], axis=0)[:: 1 if span > 10 else 3]
-    faces = faces[~arealess_faces(vertices, faces)]
+    faces = faces[~degenerate_faces(vertices, faces)]
 
     assert found(vertices, faces) == by_cgal(vertices, faces)
 
@@ -131,7 +131,7 @@ def test_signs_are_exact_where_rounding_would_decide(seed: int):
 def test_faces_without_area_are_told_apart():
     vertices = np.array([[0.0, 0, 0], [1, 1, 1], [3, 3, 3], [3, 3, 3 + 1e-14]])
 
-    assert arealess_faces(vertices, np.array([[0, 1, 2], [0, 1, 3]])).tolist() == [True, False]
+    assert degenerate_faces(vertices, np.array([[0, 1, 2], [0, 1, 3]])).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("count", [0, 1])

@@ -105,7 +105,7 @@ def test_mending_makes_any_set_a_manifold(shallowest: float):
     depths = rng.uniform(0.0, 1.0, (7, 8, 9))
     cubes = depths > 0.4
     assert cores.outwards(cubes)[1].any()
-    mended = cores.mended(cubes, depths, shallowest)
+    mended = cores.make_core_manifold(cubes, depths, shallowest)
     assert not cores.outwards(mended)[1].any()
     if mended.any():
         assert_manifold(mended)
@@ -115,10 +115,10 @@ def test_mending_makes_any_set_a_manifold(shallowest: float):
 def test_mending_adds_the_deepest_cubes_and_keeps_mirrored_sets_mirrored():
     depths = np.random.default_rng(6).uniform(0.0, 1.0, (6, 6, 4))
     depths = np.concatenate([depths, depths[::-1]])
-    mended = cores.mended(depths > 0.35, depths, 0.2)
+    mended = cores.make_core_manifold(depths > 0.35, depths, 0.2)
     np.testing.assert_array_equal(mended, mended[::-1])
 
     crossed = mask_of([(0, 0, 0), (1, 1, 0)], (2, 2, 1))
     depths = np.array([0.9, 0.3, 0.2, 0.8]).reshape(2, 2, 1)
-    np.testing.assert_array_equal(cores.mended(crossed, depths, 0.25).ravel(), [True, True, False, True])
-    np.testing.assert_array_equal(cores.mended(crossed, depths, 0.5).ravel(), [True, False, False, False])
+    np.testing.assert_array_equal(cores.make_core_manifold(crossed, depths, 0.25).ravel(), [True, True, False, True])
+    np.testing.assert_array_equal(cores.make_core_manifold(crossed, depths, 0.5).ravel(), [True, False, False, False])

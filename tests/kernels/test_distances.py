@@ -7,7 +7,7 @@ import pytest
 
 from kernels.oracle import searched, to_segment
 from scaffold_geometry.fields.segment_distances import (
-    READINGS,
+    DISTANCE_DEFINITIONS,
     frames_of,
     squared_endpoint,
     squared_endpoint_to_segment,
@@ -52,7 +52,7 @@ def test_a_segment_of_no_length_is_a_point(rng: np.random.Generator):
     assert squared_endpoint_to_segment(*p, *p, *a, *b) == to_ab
 
 
-@pytest.mark.parametrize("reading", READINGS.values(), ids=READINGS)
+@pytest.mark.parametrize("reading", DISTANCE_DEFINITIONS.values(), ids=DISTANCE_DEFINITIONS)
 def test_distance_of_segments_is_the_same_from_either_and_by_either_end(reading: int, rng: np.random.Generator):
     for a, b, c, d in rng.normal(size=(50, 4, 3)):
         one = squared_segment_segment(reading, *a, *b, *c, *d)
@@ -60,7 +60,7 @@ def test_distance_of_segments_is_the_same_from_either_and_by_either_end(reading:
             assert squared_segment_segment(reading, *np.ravel(other)) == pytest.approx(one, rel=1e-12, abs=1e-14)
 
 
-@pytest.mark.parametrize("reading", READINGS.values(), ids=READINGS)
+@pytest.mark.parametrize("reading", DISTANCE_DEFINITIONS.values(), ids=DISTANCE_DEFINITIONS)
 def test_a_segment_has_no_distance_from_itself_or_from_one_it_meets_at_an_end(reading: int, rng: np.random.Generator):
     a, b, c = rng.normal(size=(3, 3))
     assert squared_segment_segment(reading, *a, *b, *a, *b) == 0.0
@@ -74,7 +74,9 @@ def test_the_three_readings_never_grow(rng: np.random.Generator):
 
 def test_the_three_readings_differ_where_segments_cross():
     cross = (-1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, -2.0, 3.0, 0.0, 2.0, 3.0)
-    assert [squared_segment_segment(reading, *cross) for reading in READINGS.values()] == pytest.approx([14, 10, 9])
+    assert [squared_segment_segment(reading, *cross) for reading in DISTANCE_DEFINITIONS.values()] == pytest.approx(
+        [14, 10, 9]
+    )
 
 
 def test_exact_distance_of_segments_agrees_with_a_search_by_brute_force(rng: np.random.Generator):

@@ -43,10 +43,10 @@ def test_shells_have_their_signed_volumes_and_centroids():
 
 def test_faces_that_share_a_vertex_are_joined_however_far_apart_in_the_file():
     faces = np.array([(5, 6, 7), (0, 1, 2), (8, 9, 3), (2, 3, 4)])
-    assert facets.joined(faces, 10).tolist() == [0, 1, 1, 1]
+    assert facets.label_connected_faces(faces, 10).tolist() == [0, 1, 1, 1]
     ball = shapes.together((VERTICES, FACES), (VERTICES, FACES))
     mixed = ball[1][np.random.default_rng(1).permutation(len(ball[1]))]
-    parts = facets.joined(mixed, len(ball[0]))
+    parts = facets.label_connected_faces(mixed, len(ball[0]))
     assert parts[0] == 0
     assert np.array_equal(parts, ((mixed[:, 0] >= len(VERTICES)) != (mixed[0, 0] >= len(VERTICES))).astype(int))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scaffold_geometry.voxels.grids import grid_over, grown, samples_inside
+from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
 from shapes import ball, box
 
 LOW, HIGH = (1.0, -2.0, 10.0), (4.0, 3.0, 18.0)
@@ -84,5 +84,5 @@ def test_growth_reaches_diagonal_neighbours_and_stops_at_the_edge():
     for steps in (1, 2):
         i, j, k = np.indices(inside.shape)
         expected = (i <= steps) & (abs(j - 3) <= steps) & (abs(k - 4) <= steps)
-        assert (grown(inside, steps) == expected).all()
-    assert not grown(np.zeros((4, 4, 4), bool), 2).any()
+        assert (dilate(inside, steps) == expected).all()
+    assert not dilate(np.zeros((4, 4, 4), bool), 2).any()

@@ -31,14 +31,14 @@ from scaffold_geometry.fields.interpolant import (
     Solution,
     assemble,
     elements_of,
+    estimate_memory,
     evaluate,
     expected_negative_eigenvalues,
-    memory_needed,
     solve,
     values_of,
 )
 from scaffold_geometry.fields.radial_bases import BASES
-from scaffold_geometry.fields.segment_distances import READINGS
+from scaffold_geometry.fields.segment_distances import DISTANCE_DEFINITIONS
 from scaffold_geometry.fields.skeleton import skeleton_of
 
 if TYPE_CHECKING:
@@ -78,7 +78,7 @@ def box_points(mesh: Mesh, count: int) -> Floats:
 @pytest.mark.parametrize(
     ("name", "reading", "low", "high"),
     [
-        *((name, reading, -1.0, 1.0) for name in list(REFERENCE_MESHES)[:3] for reading in READINGS),
+        *((name, reading, -1.0, 1.0) for name in list(REFERENCE_MESHES)[:3] for reading in DISTANCE_DEFINITIONS),
         ("icosahedron", "endpoint", -1.02, 1.75),
         ("icosahedron", "endpoint-to-segment", -1.02, 1.79),
     ],
@@ -91,7 +91,7 @@ def test_reference_meshes_have_the_known_range(name: str, reading: str, low: flo
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("reading", DISTANCE_DEFINITIONS)
 @pytest.mark.parametrize("basis", BASES)
 def test_field_agrees_with_the_oracle(name: str, reading: str, basis: str):
     mesh = MESHES[name]()
@@ -121,7 +121,7 @@ def test_solution_of_a_full_system_agrees_with_an_independent_one_by_lu(name: st
 
 def test_matrix_is_symmetric_to_the_bit():
     elements = elements_of(skeleton_of(*eight_hexahedra()))
-    for basis, reading in product(BASES, READINGS):
+    for basis, reading in product(BASES, DISTANCE_DEFINITIONS):
         matrix = assemble(elements, basis, reading, C)
         np.testing.assert_array_equal(matrix, matrix.T)
 
@@ -136,7 +136,7 @@ def test_field_takes_the_given_values_on_points_and_all_along_channels():
 
 
 @pytest.mark.parametrize("name", MESHES)
-@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("reading", DISTANCE_DEFINITIONS)
 def test_a_healthy_system_has_one_negative_eigenvalue_a_channel(name: str, reading: str):
     elements, solution = solved(MESHES[name](), IMQ, reading)
     assert solution.negative_eigenvalues == solution.expected_negative_eigenvalues == len(elements.starts)
@@ -172,7 +172,7 @@ def test_no_law_of_inertia_is_claimed_for_the_other_bases():
     [("one_hexahedron", "thin_plate_spline", 18, 21), ("eight_hexahedra", "gaussian", 95, 119)],
 )
 def test_a_system_without_an_interpolant_says_so(name: str, basis: str, rank: int, unknowns: int):
-    for reading in READINGS:
+    for reading in DISTANCE_DEFINITIONS:
         _, solution = solved(MESHES[name](), basis, reading)
         assert (solution.rank, solution.unknowns) == (rank, unknowns)
         assert not solution.is_full_rank
@@ -274,7 +274,7 @@ def test_memory_needed_is_what_is_used(c: float):
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert 0.5 * memory_needed(400) < peak <= memory_needed(400)
+    assert 0.5 * estimate_memory(400) < peak <= estimate_memory(400)
 
 
 INTERPRETED = """
@@ -299,7 +299,7 @@ def test_compiled_and_interpreted_kernels_agree(tmp_path: Path):
     command = [sys.executable, "-c", INTERPRETED, tmp_path / "in.npz", tmp_path / "out.npz"]
     subprocess.run(command, check=True, env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, timeout=120)
     interpreted = np.load(tmp_path / "out.npz")
-    compiled = [assemble(elements, basis, reading, C) for basis in BASES for reading in READINGS]
+    compiled = [assemble(elements, basis, reading, C) for basis in BASES for reading in DISTANCE_DEFINITIONS]
     fields = [evaluate(*inputs["at"].T, elements, inputs["weights"], basis, C) for basis in BASES]
     np.testing.assert_allclose(compiled, interpreted["matrices"], rtol=1e-13, atol=1e-14)
     np.testing.assert_allclose(fields, interpreted["fields"], rtol=1e-12, atol=1e-13)

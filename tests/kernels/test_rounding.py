@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from scaffold_geometry.surfaces.booleans import to_body
-from scaffold_geometry.surfaces.float32 import in_single_precision
-from scaffold_geometry.surfaces.triangle_intersections import arealess_faces, crossing_faces
+from scaffold_geometry.surfaces.booleans import to_manifold
+from scaffold_geometry.surfaces.float32 import snap_to_float32
+from scaffold_geometry.surfaces.triangle_intersections import degenerate_faces, self_intersecting_faces
 from scaffold_pipeline.errors import StageError
 
 BALL = trimesh.creation.icosphere(4, radius=5.0)
@@ -28,7 +28,9 @@ def with_slivers(seed: int = 0) -> np.ndarray:
 
 def is_clean(vertices: np.ndarray, faces: np.ndarray) -> bool:
     is_apart = len(np.unique(vertices, axis=0)) == len(vertices)
-    return is_apart and not crossing_faces(vertices, faces).any() and not arealess_faces(vertices, faces).any()
+    return (
+        is_apart and not self_intersecting_faces(vertices, faces).any() and not degenerate_faces(vertices, faces).any()
+    )
 
 
 @pytest.mark.parametrize("offset", [0.0, 100.0, 1000.0, 20_000.0])
@@ -39,13 +41,13 @@ def test_slivers_that_rounding_would_fold_are_opened(offset: float, seed: int):
     naive = vertices.astype(np.float32).astype(np.float64)
     assert not is_clean(naive, FACES)
 
-    rounded = in_single_precision(vertices, FACES, "ball")
+    rounded = snap_to_float32(vertices, FACES, "ball")
 
     assert np.array_equal(rounded.vertices, rounded.vertices.astype(np.float32))
     assert is_clean(rounded.vertices, rounded.faces)
     assert rounded.moved <= 16.0 * np.spacing(np.float32(offset + 5.0))
-    body = to_body(rounded.vertices, rounded.faces, "ball")
-    assert body.volume() == pytest.approx(to_body(slivers, FACES, "ball").volume(), rel=1e-4)
+    body = to_manifold(rounded.vertices, rounded.faces, "ball")
+    assert body.volume() == pytest.approx(to_manifold(slivers, FACES, "ball").volume(), rel=1e-4)
 
 
 def test_no_two_vertices_lie_so_close_that_a_reader_would_weld_them():
@@ -56,7 +58,7 @@ def test_no_two_vertices_lie_so_close_that_a_reader_would_weld_them():
     assert len(np.unique(naive, axis=0)) == len(vertices)
     assert len(np.unique(np.round(naive.astype(np.float64), 8), axis=0)) < len(vertices)
 
-    rounded = in_single_precision(vertices, FACES, "ball")
+    rounded = snap_to_float32(vertices, FACES, "ball")
 
     assert len(np.unique(np.round(rounded.vertices, 8), axis=0)) == len(rounded.vertices)
     assert is_clean(rounded.vertices, rounded.faces)
@@ -65,7 +67,7 @@ def test_no_two_vertices_lie_so_close_that_a_reader_would_weld_them():
 def test_what_is_in_steps_of_single_precision_is_left_as_it_is():
     vertices = np.round(VERTICES / STEP) * STEP
 
-    rounded = in_single_precision(vertices, FACES, "ball")
+    rounded = snap_to_float32(vertices, FACES, "ball")
 
     assert rounded.moved == 0.0
     assert np.array_equal(rounded.vertices, vertices)
@@ -73,7 +75,7 @@ def test_what_is_in_steps_of_single_precision_is_left_as_it_is():
 
 
 def test_what_only_rounds_keeps_its_triangles():
-    rounded = in_single_precision(VERTICES + 100.0, FACES, "ball")
+    rounded = snap_to_float32(VERTICES + 100.0, FACES, "ball")
 
     assert 0.0 < rounded.moved <= np.spacing(np.float32(64.0))
     assert np.array_equal(rounded.faces, FACES)
@@ -81,4 +83,4 @@ def test_what_only_rounds_keeps_its_triangles():
 
 def test_details_below_the_step_of_single_precision_are_refused():
     with pytest.raises(StageError, match=r"^speck: has details finer than .* 0\.002 mm, .*move the shape nearer"):
-        in_single_precision(1e-5 * VERTICES + 20_000.0, FACES, "speck")
+        snap_to_float32(1e-5 * VERTICES + 20_000.0, FACES, "speck")

@@ -18,7 +18,7 @@ SKELETON = skeleton_of(MESH.vertices, MESH.cells)
 
 
 def body(low: tuple[float, float, float], high: tuple[float, float, float]):
-    return booleans.to_body(*box(low, high), "box")
+    return booleans.to_manifold(*box(low, high), "box")
 
 
 def rooms():
@@ -34,7 +34,7 @@ def rooms():
 
 
 def measured(solid: object, skin: float = 0.0):
-    surface = booleans.from_body(solid)
+    surface = booleans.from_manifold(solid)
     return thinnest_strut(SKELETON, surface, OUTER, 1e-3), narrowest_throat(SKELETON, surface, OUTER, skin)
 
 
@@ -74,7 +74,7 @@ def test_a_narrower_window_is_the_narrowest_throat():
 def test_what_the_clip_cuts_says_nothing_of_a_strut():
     """All but the middle of the block away: its edges end at the cut, and the nearest wall of some is the cut."""
     cut = (4.0, 4.0, 4.0), (16.0, 16.0, 16.0)
-    surface = booleans.from_body(rooms() ^ body(*cut))
+    surface = booleans.from_manifold(rooms() ^ body(*cut))
     assert thinnest_strut(SKELETON, surface, box(*cut), 1e-3).diameter == pytest.approx(2.0 * np.sqrt(2.0))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from scaffold_geometry.fields.tpms import SURFACES, Floats, levels_at, sheet_of
-from scaffold_geometry.voxels.iso_surface import iso_surface
+from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 
 PI = np.pi
 PLACES = np.random.default_rng(1).uniform(-2.0 * PI, 2.0 * PI, (3, 500))
@@ -88,7 +88,7 @@ def test_one_cell_of_the_surface_has_the_genus_of_the_minimal_surface(name: str,
     step = 2.0 * PI / count
     axis = step * np.arange(3 * count)
     values = SURFACES[name](axis[:, None, None], axis[:, None], axis)
-    vertices, faces = iso_surface(values.astype(np.float32), 0.0, np.zeros(3), step)
+    vertices, faces = extract_iso_surface(values.astype(np.float32), 0.0, np.zeros(3), step)
     low = 2.0 * PI + 0.3 * step
     in_cell = ((vertices >= low) & (vertices < low + 2.0 * PI)).all(axis=1)
     corners = vertices[faces]

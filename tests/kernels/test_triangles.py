@@ -42,9 +42,9 @@ def test_unreferenced_vertices_go_and_the_faces_keep_their_places():
 def test_collapsed_flat_and_repeated_faces_are_told_apart():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0.25, 0, 0], [0, 1, 0]])
     faces = np.array([[0, 1, 3], [3, 0, 1], [0, 3, 1], [0, 0, 1], [0, 2, 1]])
-    assert triangles.collapsed_faces(faces).tolist() == [False, False, False, True, False]
+    assert triangles.duplicate_vertex_faces(faces).tolist() == [False, False, False, True, False]
     assert triangles.flat_faces(vertices, faces).tolist() == [False, False, False, True, True]
-    assert triangles.repeated_faces(faces).tolist() == [False, True, True, False, False]
+    assert triangles.duplicate_faces(faces).tolist() == [False, True, True, False, False]
 
 
 def test_a_thin_triangle_is_not_flat():

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import label
 
 from measures.voxel_images import access_oracle, blobs, gyroid, image_of, thickness_oracle
-from scaffold_geometry.measures.accessibility import accessibility, share_reached
+from scaffold_geometry.measures.accessibility import accessibility, reachable_share
 from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 
 STRUTS = {"gyroid": gyroid(32, 0.3), "blobs": blobs(30, 0.45, seed=3), "dense blobs": blobs(30, 0.7, seed=4)}
@@ -54,8 +54,8 @@ def test_a_chamber_is_reached_by_what_passes_its_channel_and_by_nothing_greater(
     image = image_of(bottle((6, 2, 0)), spacing=0.5)
     found = accessibility(image)
     chamber = 20**3 / (20**3 + 6 * 6 * 10)
-    assert share_reached(found, [2.9, 3.0]) == pytest.approx([0.99, 0.99], abs=0.01)
-    assert share_reached(found, [3.1]) == pytest.approx([0.0], abs=0.01)
+    assert reachable_share(found, [2.9, 3.0]) == pytest.approx([0.99, 0.99], abs=0.01)
+    assert reachable_share(found, [3.1]) == pytest.approx([0.0], abs=0.01)
     openings = thickness_oracle(image.phases == PORE)[image.is_phase(PORE)]
     assert shares_of(openings, [6.2])[0] > 0.95 * chamber  # what the same balls cover that do not come from outside
     half = found.throats[0]
@@ -104,7 +104,7 @@ def test_a_skinned_solid_lets_nothing_in(reach: float):
         np.moveaxis(skinned, axis, 0)[[0, -1]] = True
     found = accessibility(image_of(skinned), [reach])
     assert len(found.diameters) == len(found.shares) == 0
-    assert share_reached(found, [0.1, 1.0]) == pytest.approx([0.0, 0.0])
+    assert reachable_share(found, [0.1, 1.0]) == pytest.approx([0.0, 0.0])
     assert found.throats[0] == (reach, 0.0, None)
 
 

@@ -21,10 +21,10 @@ def found_in(vertices: np.ndarray, faces: np.ndarray) -> Connectivity:
 
 def frame(holes: int):
     """Return a bar with square holes through it."""
-    bar = booleans.to_body(*box((0.0, 0.0, 0.0), (4.0 * holes + 1.0, 5.0, 2.0)), "bar")
+    bar = booleans.to_manifold(*box((0.0, 0.0, 0.0), (4.0 * holes + 1.0, 5.0, 2.0)), "bar")
     for hole in range(holes):
-        bar -= booleans.to_body(*box((4.0 * hole + 1.0, 1.0, -1.0), (4.0 * hole + 4.0, 4.0, 3.0)), "hole")
-    return booleans.from_body(bar)
+        bar -= booleans.to_manifold(*box((4.0 * hole + 1.0, 1.0, -1.0), (4.0 * hole + 4.0, 4.0, 3.0)), "hole")
+    return booleans.from_manifold(bar)
 
 
 @pytest.mark.parametrize("holes", [0, 1, 3])

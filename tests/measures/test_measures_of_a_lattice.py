@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from scaffold_geometry.measures.accessibility import accessibility, share_reached
+from scaffold_geometry.measures.accessibility import accessibility, reachable_share
 from scaffold_geometry.measures.local_thickness import distribution, local_thickness
-from scaffold_geometry.surfaces.booleans import from_body, to_body
+from scaffold_geometry.surfaces.booleans import from_manifold, to_manifold
 from scaffold_geometry.voxels.image import PORE, STRUT
 from scaffold_geometry.voxels.voxelising import finest_spacing, voxelise
 from shapes import box
@@ -26,11 +26,11 @@ def image():
     for axis, i, j in product(range(3), range(CELLS + 1), range(CELLS + 1)):
         low = np.insert([CELL * i, CELL * j], axis, 0.0)
         high = np.insert([CELL * i + WIDTH, CELL * j + WIDTH], axis, LENGTH)
-        struts.append(to_body(*box(tuple(low), tuple(high)), "strut"))
+        struts.append(to_manifold(*box(tuple(low), tuple(high)), "strut"))
     solid = struts[0]
     for strut in struts[1:]:
         solid += strut
-    return voxelise(from_body(solid), box((0.0, 0.0, 0.0), (LENGTH, LENGTH, LENGTH)), SPACING)
+    return voxelise(from_manifold(solid), box((0.0, 0.0, 0.0), (LENGTH, LENGTH, LENGTH)), SPACING)
 
 
 def test_its_porosity_is_that_of_its_cell(image):
@@ -49,8 +49,8 @@ def test_its_struts_are_as_thick_as_they_are_wide_and_have_necks_of_that_width(i
 def test_its_pores_let_in_what_passes_their_windows(image):
     window = CELL - WIDTH
     found = accessibility(image)
-    assert share_reached(found, [window - 2 * SPACING])[0] > 0.9
-    assert share_reached(found, [window + 2 * SPACING])[0] < 0.1
+    assert reachable_share(found, [window - 2 * SPACING])[0] > 0.9
+    assert reachable_share(found, [window + 2 * SPACING])[0] < 0.1
     assert [throat.diameter for throat in found.throats[:2]] == pytest.approx([window, window], abs=1.5 * SPACING)
 
 

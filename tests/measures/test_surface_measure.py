@@ -15,8 +15,8 @@ OUTER = box((0.0, 0.0, 0.0), (4.0, 4.0, 4.0))
 
 def block_with_a_bore():
     """Return the outer cube with a bore of 2 x 2 mm through it along z."""
-    body = booleans.to_body(*OUTER, "cube") - booleans.to_body(*box((1.0, 1.0, -1.0), (3.0, 3.0, 5.0)), "bore")
-    return booleans.from_body(body)
+    body = booleans.to_manifold(*OUTER, "cube") - booleans.to_manifold(*box((1.0, 1.0, -1.0), (3.0, 3.0, 5.0)), "bore")
+    return booleans.from_manifold(body)
 
 
 def test_the_walls_of_a_bore_are_the_pores_and_all_else_lies_on_the_shape():

@@ -237,7 +237,7 @@ def test_a_killed_process_does_not_hold_its_key(project: Project, cache: Cache):
     process.kill()
     process.communicate()
     (lock,) = (cache.root / "locks").iterdir()
-    cache.hold(lock.stem).release()
+    cache.lock(lock.stem).release()
     assert ran(project.execute(text.replace("60", "0"), out="a", cache=cache)) == ["cast_points", "write_points"]
 
 
@@ -271,7 +271,7 @@ def test_what_is_whole_is_kept_whole_by_pruning(project: Project, cache: Cache):
     for limit in (2000, 1000, 500):
         cache.prune(limit)
         for entry in cache.entries():
-            assert cache.give(entry.key, Store(Path("a/.store")))
+            assert cache.fetch(entry.key, Store(Path("a/.store")))
     cache.prune(0)
     assert cache.entries() == []
     assert cache.size() == 0

@@ -132,7 +132,7 @@ def test_what_has_ended_before_corrects_too(peak: int, most: int):
 
     ledger = Ledger()
     schedule = Schedule(ledger.working(work), ledger.end, workers=2, memory=3 * GIB)
-    schedule.learn(GIB, peak)
+    schedule.calibrate(GIB, peak)
     schedule.run([Task(str(number), frozenset(), memory=GIB) for number in range(4)], threads)
     assert max(map(len, ledger.together)) == most
 

@@ -227,8 +227,8 @@ def spiked(mesh: Mesh) -> OuterShape:
     outer = box_around(mesh)
     (x, y, _), top = outer.vertices.mean(axis=0), outer.vertices[:, 2].max()
     spike = box((x - 0.06, y - 0.06, top - 0.5), (x + 0.06, y + 0.06, top + 1.6))
-    body = booleans.to_body(outer.vertices, outer.faces, "box") + booleans.to_body(*spike, "spike")
-    return OuterShape(*booleans.from_body(body))
+    body = booleans.to_manifold(outer.vertices, outer.faces, "box") + booleans.to_manifold(*spike, "spike")
+    return OuterShape(*booleans.from_manifold(body))
 
 
 def test_a_few_samples_that_only_struts_or_channels_reach_are_a_warning():

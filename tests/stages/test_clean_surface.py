@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.voxels.iso_surface import iso_surface
+from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 from scaffold_pipeline.artifacts import IsoSurface
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import stage_from_function
@@ -26,7 +26,7 @@ def porous(*surfaces: tuple[np.ndarray, np.ndarray]):
 
 
 def scaffold():
-    return porous(iso_surface(FIELD.values, 0.1, FIELD.origin, FIELD.spacing))
+    return porous(extract_iso_surface(FIELD.values, 0.1, FIELD.origin, FIELD.spacing))
 
 
 def cleaned(surface: IsoSurface, **given: float):

@@ -17,9 +17,8 @@ SHAPE_NO_OUTPUT = {"pydantic"}
 
 @pytest.fixture(scope="module")
 def graph() -> grimp.ImportGraph:
-    return grimp.build_graph(
-        "scaffold_stages", "scaffold_geometry", "scaffold_pipeline", include_external_packages=True
-    )
+    ours = ("scaffold_stages", "scaffold_geometry", "scaffold_pipeline")
+    return grimp.build_graph(*ours, include_external_packages=True)
 
 
 def libraries_of(module: str, graph: grimp.ImportGraph) -> set[str]:

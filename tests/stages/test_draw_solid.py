@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from scaffold_geometry.drawing.sections import nearest_values, sections, simplified
+from scaffold_geometry.drawing.sections import nearest_values, sections, simplify_surface
 from scaffold_pipeline.artifacts import Metrics, OuterShape, Solid
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.report.view import read_view
@@ -72,7 +72,7 @@ def test_a_plane_beside_the_surface_cuts_nothing():
 
 def test_a_simplified_surface_is_closed_and_near_the_first():
     surface = ball(5.0, divisions=5)
-    found = simplified(*surface, triangles=1000)
+    found = simplify_surface(*surface, triangles=1000)
     vertices, faces = found["vertices"].astype(float), found["faces"].astype(np.int64)
     require_closed(vertices, faces)
     assert 900 <= len(faces) <= 1000
@@ -82,7 +82,7 @@ def test_a_simplified_surface_is_closed_and_near_the_first():
 
 def test_a_surface_of_few_triangles_is_left_alone():
     vertices, faces = box((0, 0, 0), (1, 2, 3))
-    found = simplified(vertices, faces, triangles=1000)
+    found = simplify_surface(vertices, faces, triangles=1000)
     assert (found["vertices"] == vertices).all()
     assert (found["faces"] == faces).all()
 
@@ -160,7 +160,8 @@ def test_a_drawing_is_sound_xml_with_axes_place_and_scale(tmp_path: Path, axis: 
 
 
 @pytest.mark.parametrize(
-    ("failing", "left", "lost"), [(simplified, "section_x.svg", "view.npz"), (sections, "view.npz", "section_x.svg")]
+    ("failing", "left", "lost"),
+    [(simplify_surface, "section_x.svg", "view.npz"), (sections, "view.npz", "section_x.svg")],
 )
 def test_what_cannot_be_drawn_is_a_warning_and_all_else_is_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: object, left: str, lost: str

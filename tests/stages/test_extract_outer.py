@@ -13,7 +13,7 @@ import pytest
 from end_to_end.solid_judge import faults_of
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.repair import vertex_splitting
-from scaffold_geometry.surfaces.self_intersections import crossing_faces
+from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
 from scaffold_pipeline.cli.app import main
 from scaffold_pipeline.errors import PipelineWarning, StageError
@@ -55,7 +55,7 @@ def require_sound(outer: OuterShape):
     body = manifold3d.Manifold(manifold3d.Mesh64(np.array(outer.vertices), np.array(outer.faces, np.uint64)))
     assert body.status() == manifold3d.Error.NoError
     assert body.volume() == pytest.approx(outer.volume)
-    assert not len(crossing_faces(outer.vertices, outer.faces)["faces"])
+    assert not len(find_self_intersections(outer.vertices, outer.faces)["faces"])
 
 
 def test_it_keeps_the_contract_of_a_stage():
@@ -150,7 +150,7 @@ def test_a_surface_folded_onto_itself_cannot_be_parted():
         *together(box((0, 0, 0), (1, 1, 1)), inverted(box((1, 1, 0), (2, 2, 1))))
     )
     with pytest.raises(StageError, match=r"its boundary folds onto itself at 1, 1, 0\.5 mm: 4 faces meet at an edge"):
-        vertex_splitting.parted(vertices, faces)
+        vertex_splitting.split_non_manifold(vertices, faces)
 
 
 def test_bodies_upon_each_other_are_refused():

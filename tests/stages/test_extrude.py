@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_geometry.surfaces.triangle_intersections import crossing_faces
+from scaffold_geometry.surfaces.triangle_intersections import self_intersecting_faces
 from scaffold_pipeline.artifacts import Contour, Polygons, Solid
 from scaffold_stages.contour import ContourParams, contour
 from scaffold_stages.extrude import ExtrudeParams, extrude
@@ -37,7 +37,7 @@ def test_a_plate_has_the_area_and_height_of_its_contour(porosity: float):
     given = holed(porosity=porosity)
     plate = plate_of(given)
     require_closed(plate.vertices, plate.faces)
-    assert not crossing_faces(plate.vertices, plate.faces).any()
+    assert not self_intersecting_faces(plate.vertices, plate.faces).any()
     assert plate.volume == pytest.approx(2.5 * given.solid.area, rel=1e-6)
     assert plate.bounds == pytest.approx(np.array([(-4.0, -3.0, 1.5), (4.0, 3.0, 4.0)]), abs=1e-6)
     assert plate.pore_volumes.sum() == pytest.approx(2.5 * (48.0 - given.solid.area), rel=1e-6)

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from scipy.spatial import cKDTree
 
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.triangle_intersections import crossing_faces
+from scaffold_geometry.surfaces.triangle_intersections import self_intersecting_faces
 from scaffold_geometry.volumes import cells
 from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_geometry.volumes.hexahedra.quality import least_jacobians
@@ -69,7 +69,7 @@ def test_no_fitted_cell_is_inverted_and_its_quality_is_told(fitted):
     quality = least_jacobians(mesh.vertices, mesh.hexahedra)
     assert quality.min() > 0.1
     assert quality.mean() > 0.7
-    assert cells.folded(mesh.vertices, mesh.cells) == 0
+    assert cells.count_folded_cells(mesh.vertices, mesh.cells) == 0
     assert mesh.facts["least_scaled_jacobian"] == pytest.approx(quality.min())
     assert mesh.facts["mean_scaled_jacobian"] == pytest.approx(quality.mean())
 
@@ -91,7 +91,7 @@ def test_fitted_cells_fill_the_shape_once_and_hang_together(fitted):
     assert not any(triangles.edge_faults(surface.faces))
     assert triangles.touching_vertices(surface.faces) == 0
     assert triangles.euler_characteristic(surface.faces) == 2
-    assert not crossing_faces(surface.vertices, surface.faces).any()
+    assert not self_intersecting_faces(surface.vertices, surface.faces).any()
     assert least_share < mesh.facts["volume_share"] < 1.0 + 1e-9
     assert mesh.facts["volume_share"] == pytest.approx(mesh.volume / outer.volume)
     assert mesh.facts["pieces"] == 1
@@ -212,7 +212,7 @@ def test_cells_too_small_for_memory_are_refused_with_the_size_that_fits(size: fl
     ) as told:
         hexahedra_of(outer, size, "fitted")
     fitting = float(str(told.value).rsplit(maxsplit=4)[1])
-    assert module._memory_needed(outer, fitting) <= 2**30 < module._memory_needed(outer, fitting / 1.3)
+    assert module._estimate_memory(outer, fitting) <= 2**30 < module._estimate_memory(outer, fitting / 1.3)
 
 
 @pytest.mark.parametrize("given", [{}, {"cell_size": 0.0}, {"cell_size": 1.0, "kind": "hex"}])

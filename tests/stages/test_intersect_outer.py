@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.voxels.iso_surface import iso_surface
+from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 from scaffold_pipeline.artifacts import IsoSurface, OuterShape, Solid
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import stage_from_function
@@ -23,7 +23,7 @@ BALL = outer_of(ball(5.0, (20.0, -3.0, 40.0)))
 
 def gyroid_surface(outer: OuterShape, iso: float = 0.1):
     field = gyroid(outer, VOXEL, 5.0)
-    return IsoSurface(*iso_surface(field.values, iso, field.origin, field.spacing), iso=iso)
+    return IsoSurface(*extract_iso_surface(field.values, iso, field.origin, field.spacing), iso=iso)
 
 
 def surface_of(*surfaces: tuple[np.ndarray, np.ndarray], skin: float = 0.0, porosity: float | None = None):
@@ -84,7 +84,7 @@ def on_the_grid(outer: OuterShape) -> OuterShape:
     """Return the shape as voxels show it: what a cut of the field, rather than of its surface, would go by."""
     origin, places = samples_over(*map(tuple, outer.bounds), VOXEL)
     is_inside = igl.fast_winding_number(outer.vertices, outer.faces, places.reshape(-1, 3)) > 0.5
-    return OuterShape(*iso_surface(is_inside.reshape(places.shape[:3]).astype(np.float32), 0.5, origin, VOXEL))
+    return OuterShape(*extract_iso_surface(is_inside.reshape(places.shape[:3]).astype(np.float32), 0.5, origin, VOXEL))
 
 
 def distance_from_the_edges(solid: Solid, porous: IsoSurface, outer: OuterShape) -> float:

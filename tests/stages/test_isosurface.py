@@ -23,9 +23,9 @@ def found(field: ScalarField = FIELD, outer: OuterShape = BALL, **given: float):
 
 def porosity_of(surface: IsoSurface, outer: OuterShape, skin: float = 0.0):
     """Return the porosity of the clipped solid's main piece with all closed pores, measured apart from the stage."""
-    core = booleans.core_under(outer.vertices, outer.faces, skin)
-    shape = booleans.to_body(outer.vertices, outer.faces, "outer")
-    solid, _ = booleans.clipped(booleans.to_body(surface.vertices, surface.faces, "porous"), shape, core)
+    core = booleans.offset_core(outer.vertices, outer.faces, skin)
+    shape = booleans.to_manifold(outer.vertices, outer.faces, "outer")
+    solid, _ = booleans.clip_to_outer(booleans.to_manifold(surface.vertices, surface.faces, "porous"), shape, core)
     volumes = [part.volume() for part in solid.decompose()]
     return 1.0 - (max(volumes) + sum(volume for volume in volumes if volume < 0.0)) / shape.volume()
 
@@ -120,8 +120,8 @@ def test_pieces_that_float_do_not_count_as_solid():
     crumb = 1.8 - np.linalg.norm(places - 8.0, axis=-1)
     surface = found(field_of(np.maximum(pillar, crumb), origin, 0.5), outer, porosity=0.8)
     assert porosity_of(surface, outer) == pytest.approx(0.8, abs=TOLERANCE)
-    shape = booleans.to_body(outer.vertices, outer.faces, "outer")
-    everything = booleans.to_body(surface.vertices, surface.faces, "porous") ^ shape
+    shape = booleans.to_manifold(outer.vertices, outer.faces, "outer")
+    everything = booleans.to_manifold(surface.vertices, surface.faces, "porous") ^ shape
     assert 1.0 - everything.volume() / 1000.0 < 0.8 - 5 * TOLERANCE
 
 

@@ -22,9 +22,9 @@ POROSITY = 4.0 * 3.0 * 6.0 / 480.0
 
 def pierced():
     """Return the outer box with a square channel of 4 x 3 mm along z through it."""
-    block = booleans.to_body(OUTER.vertices, OUTER.faces, "box")
-    channel = booleans.to_body(*box((2.0, 2.0, -1.0), (6.0, 5.0, 7.0)), "channel")
-    return booleans.from_body(block - channel)
+    block = booleans.to_manifold(OUTER.vertices, OUTER.faces, "box")
+    channel = booleans.to_manifold(*box((2.0, 2.0, -1.0), (6.0, 5.0, 7.0)), "channel")
+    return booleans.from_manifold(block - channel)
 
 
 def solid_of(*surfaces: tuple[np.ndarray, np.ndarray], pores: tuple[float, ...] = (72.0,)):
@@ -258,10 +258,10 @@ def test_a_solid_without_pores_has_none_to_connect():
 def struts_and_throats(**asked: object) -> Metrics:
     """Measure a block of two cells, a slit of 1 mm cut between them but for a bar of 2 x 2 mm in the middle."""
     outer = outer_of(box((0.0, 0.0, 0.0), (20.0, 10.0, 10.0)))
-    slit = booleans.to_body(*box((9.5, -1.0, -1.0), (10.5, 11.0, 11.0)), "slit")
-    bar = booleans.to_body(*box((9.0, 4.0, 4.0), (11.0, 6.0, 6.0)), "bar")
-    block = booleans.to_body(outer.vertices, outer.faces, "block") - (slit - bar)
-    solid = Solid(*booleans.from_body(block), pore_volumes=np.array([1.0]))
+    slit = booleans.to_manifold(*box((9.5, -1.0, -1.0), (10.5, 11.0, 11.0)), "slit")
+    bar = booleans.to_manifold(*box((9.0, 4.0, 4.0), (11.0, 6.0, 6.0)), "bar")
+    block = booleans.to_manifold(outer.vertices, outer.faces, "block") - (slit - bar)
+    solid = Solid(*booleans.from_manifold(block), pore_volumes=np.array([1.0]))
     off = {"gate_porosity": False, "gate_interrupted": False, "morphometry": False}
     params = MeasureParams.model_validate({**off, **asked})
     return measure(solid, outer, porous(), field(), hexahedra((2, 1, 1), edge=10.0), params=params)
@@ -374,8 +374,8 @@ def test_a_closed_pore_is_closed_porosity():
 def thin():
     """Return two plates of 0.5 mm, and one of 0.5 mm that joins them."""
     plates = [box((x, 0.0, 0.0), (x + 0.5, 8.0, 6.0)) for x in (0.0, 9.5)]
-    bodies = [booleans.to_body(*plate, "plate") for plate in (*plates, box((0.0, 0.0, 0.0), (10.0, 8.0, 0.5)))]
-    return booleans.from_body(bodies[0] + bodies[1] + bodies[2])
+    bodies = [booleans.to_manifold(*plate, "plate") for plate in (*plates, box((0.0, 0.0, 0.0), (10.0, 8.0, 0.5)))]
+    return booleans.from_manifold(bodies[0] + bodies[1] + bodies[2])
 
 
 def test_voxels_are_refined_until_struts_have_three():

@@ -10,7 +10,7 @@ import pytest
 from pydantic import ValidationError
 
 from scaffold_geometry.files.solids.finite_elements import WRITERS, require_read_back
-from scaffold_geometry.surfaces.booleans import from_body, to_body
+from scaffold_geometry.surfaces.booleans import from_manifold, to_manifold
 from scaffold_geometry.volumes import tetrahedra as module
 from scaffold_geometry.volumes.tetrahedra import default_edge, quality
 from scaffold_pipeline.artifacts import Ints, Solid, VolumeMesh
@@ -67,8 +67,8 @@ def write_bad(out: Path, message: str, **given: object) -> None:
 
 @pytest.mark.filterwarnings("ignore:mesh of the solid. .* cells have a dihedral angle below")
 def test_ftetwild_fills_a_box_with_a_hole(tmp_path: Path):
-    plate = to_body(SOLID.vertices, SOLID.faces, "plate").rotate((20.0, 30.0, 40.0))
-    solid = Solid(*from_body(plate))
+    plate = to_manifold(SOLID.vertices, SOLID.faces, "plate").rotate((20.0, 30.0, 40.0))
+    solid = Solid(*from_manifold(plate))
 
     facts = written(tmp_path, solid, edge_length=1.0, time_limit=120.0)
 

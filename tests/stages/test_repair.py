@@ -13,8 +13,8 @@ import scaffold_geometry.surfaces.repair.modes as repair_module
 import scaffold_stages.load_surface as load_surface_module
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.repair import displacement, hole_triangulation, holes
-from scaffold_geometry.surfaces.repair.log import TURNED, Account
-from scaffold_geometry.surfaces.self_intersections import crossing_faces
+from scaffold_geometry.surfaces.repair.log import TURNED, RepairLog
+from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
@@ -60,7 +60,7 @@ def in_children():
 
 def require_sound(outer: OuterShape):
     require_closed(outer.vertices, outer.faces)
-    assert not len(crossing_faces(outer.vertices, outer.faces)["faces"])
+    assert not len(find_self_intersections(outer.vertices, outer.faces)["faces"])
 
 
 def note_of(outer: OuterShape, start: str):
@@ -97,7 +97,7 @@ def with_wall():
     """Two boxes glued at a face that is still there, once."""
     vertices, faces = together(CUBE, box((4.0, 0.0, 0.0), (8.0, 4.0, 4.0)))
     vertices, faces = triangles.merge_coincident(vertices, faces)
-    return vertices, faces[~triangles.repeated_faces(faces)]
+    return vertices, faces[~triangles.duplicate_faces(faces)]
 
 
 def with_double_wall():
@@ -302,7 +302,7 @@ def test_numbers_of_a_repair_are_facts(tmp_path: Path):
 
 
 def test_what_is_done_in_two_steps_is_counted_together():
-    one, other = Account(), Account()
+    one, other = RepairLog(), RepairLog()
     one.count(TURNED, 3)
     other.count(TURNED, 4)
     one.add(other)
@@ -353,7 +353,7 @@ def test_what_cannot_be_cut_in_time_is_rebuilt_on_a_grid(monkeypatch: pytest.Mon
     def give_up(**_arrays: np.ndarray):
         raise StageError("gave no result within 300 s")
 
-    monkeypatch.setattr(repair_module.self_intersections, "arranged", give_up)
+    monkeypatch.setattr(repair_module.self_intersections, "resolve_self_intersections", give_up)
     outer = loaded(tmp_path, BALL, repair="rebuild", tolerance=1.0)
     require_sound(outer)
     assert note_of(outer, "rebuilt from").endswith("as gave no result within 300 s")
@@ -362,7 +362,7 @@ def test_what_cannot_be_cut_in_time_is_rebuilt_on_a_grid(monkeypatch: pytest.Mon
 
 @pytest.mark.usefixtures("in_children")
 def test_a_failure_in_the_child_names_the_file_and_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setattr(load_surface_module.self_intersections, "crossing_faces", os._exit)
+    monkeypatch.setattr(load_surface_module.self_intersections, "find_self_intersections", os._exit)
     with pytest.raises(StageError, match=r"planted\.obj could not be searched.*set `repair: rebuild`"):
         loaded(tmp_path, CUBE)
 
@@ -382,7 +382,7 @@ def test_a_concave_hole_in_a_plane_is_spanned_without_folds():
     outline = np.array([(0, 0), (4, 0), (4, 4), (2, 1), (0, 4)], float)
     rim = np.column_stack([outline, np.zeros(5)])
     upwards = np.tile([0.0, 0.0, 1.0], (5, 1))
-    triangulation = hole_triangulation.spanned(rim, np.arange(5), upwards, np.empty((0, 3), np.int64))
+    triangulation = hole_triangulation.triangulate_hole(rim, np.arange(5), upwards, np.empty((0, 3), np.int64))
     a, b, c = np.moveaxis(rim[triangulation], 1, 0)
     areas = np.cross(b - a, c - a)[:, 2] / 2.0
     assert (areas > 0.0).all()
@@ -394,11 +394,11 @@ def test_the_distance_found_is_that_by_which_a_surface_was_moved():
     moved = vertices.copy()
     top = int(np.argmax(vertices[:, 2]))
     moved[top, 2] += 0.7
-    found = displacement.moved(BALL, (moved, faces), (moved, faces), 0.05)
+    found = displacement.measure_displacement(BALL, (moved, faces), (moved, faces), 0.05)
     assert found.gained.distance == pytest.approx(0.7)
     assert found.gained.place == pytest.approx(moved[top])
     assert 0.0 < found.lost.distance < 0.7
-    assert displacement.moved(BALL, BALL, BALL, 0.05).gained.distance == 0.0
+    assert displacement.measure_displacement(BALL, BALL, BALL, 0.05).gained.distance == 0.0
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="the shared data is not beside this checkout")

@@ -12,7 +12,7 @@ from scaffold_geometry.files.solids import pore_space as module
 from scaffold_geometry.files.solids.formats import FORMATS, FileFormat
 from scaffold_geometry.files.solids.model import Mesh, Model
 from scaffold_geometry.files.solids.pore_space import pore_space
-from scaffold_geometry.surfaces.booleans import from_body, to_body
+from scaffold_geometry.surfaces.booleans import from_manifold, to_manifold
 from scaffold_pipeline.artifacts import OuterShape, Solid
 from scaffold_pipeline.errors import StageError
 from scaffold_stages.write_solid import WriteSolidParams, write_solid
@@ -22,7 +22,7 @@ Size = tuple[float, float, float]
 
 def box(size: Size, corner: Size = (0.0, 0.0, 0.0)):
     low = np.array(corner)
-    return to_body(*shapes.box(tuple(low), tuple(low + size)), "box")
+    return to_manifold(*shapes.box(tuple(low), tuple(low + size)), "box")
 
 
 def turned(body, angle: float = 25.0):
@@ -31,11 +31,11 @@ def turned(body, angle: float = 25.0):
 
 
 def outer_of(body) -> OuterShape:
-    return OuterShape(*from_body(body))
+    return OuterShape(*from_manifold(body))
 
 
 def solid_of(body) -> Solid:
-    vertices, faces = from_body(body)
+    vertices, faces = from_manifold(body)
     return Solid(vertices.astype(np.float32).astype(np.float64), faces)
 
 
@@ -79,8 +79,8 @@ def test_others_read_the_void_as_the_hole(tmp_path: Path):
     void = trimesh.load_mesh(tmp_path / "void.stl")
     assert void.is_watertight
     assert void.volume == pytest.approx(16.0, rel=1e-5)
-    inside = from_body(turned(box((1e-3, 1e-3, 1e-3), (3.0, 2.5, 2.0))))[0]
-    assert void.bounds[0] == pytest.approx(from_body(OUTER ^ CHANNEL)[0].min(axis=0), abs=1e-4)
+    inside = from_manifold(turned(box((1e-3, 1e-3, 1e-3), (3.0, 2.5, 2.0))))[0]
+    assert void.bounds[0] == pytest.approx(from_manifold(OUTER ^ CHANNEL)[0].min(axis=0), abs=1e-4)
     assert (void.bounds[0] < inside.min(axis=0)).all()
 
 

@@ -138,7 +138,7 @@ def distinct_rows(rows: Ints) -> tuple[Ints, Ints]:
 
     Rows are packed into one integer each: `np.unique(axis=0)` compares them as byte strings, which is slow.
     """
-    keys = _packed(rows)
+    keys = _pack_rows(rows)
     order = np.argsort(keys)
     ordered = keys[order]
     is_new = np.ones(len(rows), dtype=bool)
@@ -148,7 +148,7 @@ def distinct_rows(rows: Ints) -> tuple[Ints, Ints]:
     return rows[order[is_new]], groups
 
 
-def _packed(rows: Ints) -> Ints:
+def _pack_rows(rows: Ints) -> Ints:
     """Return one integer for each row, (r,), that compares with others as the rows do."""
     least = rows.min()
     base = int(rows.max() - least) + 1

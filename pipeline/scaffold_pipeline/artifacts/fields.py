@@ -33,10 +33,10 @@ class Certificate(Artifact):
 
     def __post_init__(self) -> None:
         for name in ("channel_maxima", "strut_minima"):
-            self._own(name, np.float64, (None,))
+            self.own_array(name, np.float64, (None,))
         for name in ("channel_rings", "strut_rings"):
             if getattr(self, name) is not None:
-                self._own(name, np.float64, (None, len(self.RING_SHARES)))
+                self.own_array(name, np.float64, (None, len(self.RING_SHARES)))
         super().__post_init__()
 
     @property
@@ -95,10 +95,10 @@ class ScalarField(Artifact):
     pore_networks: int = 1
 
     def __post_init__(self) -> None:
-        self._own("values", np.float32, (None, None, None))
-        self._own("origin", np.float64, (3,))
-        self._own("points", np.float64, (None, 3))
-        self._own("point_values", np.float64, (len(self.points),))
+        self.own_array("values", np.float32, (None, None, None))
+        self.own_array("origin", np.float64, (3,))
+        self.own_array("points", np.float64, (None, 3))
+        self.own_array("point_values", np.float64, (len(self.points),))
         if not 0.0 < self.spacing < np.inf:
             raise StageError(f"ScalarField.spacing: must be a positive length, got {self.spacing}")
         if min(self.values.shape[:2]) < 2 or not self.values.size:  # noqa: PLR2004 - a square has two along each axis

@@ -36,7 +36,7 @@ class Artifact:
         """Return the facts of this value that belong into a report."""
         return {}
 
-    def _own(self, name: str, dtype: type, shape: tuple[int | None, ...]) -> None:
+    def own_array(self, name: str, dtype: type, shape: tuple[int | None, ...]) -> None:
         """Replace field `name` by a contiguous array of `dtype`, after checking its shape and finiteness."""
         given = np.asarray(getattr(self, name))
         fits = [want in {None, got} for want, got in zip(shape, given.shape, strict=False)]
@@ -66,8 +66,8 @@ class SurfaceMesh(Artifact):
     faces: Ints
 
     def __post_init__(self) -> None:
-        self._own("vertices", np.float64, (None, 3))
-        self._own("faces", np.int64, (None, 3))
+        self.own_array("vertices", np.float64, (None, 3))
+        self.own_array("faces", np.int64, (None, 3))
         _require_indices("SurfaceMesh", "faces", self.faces, len(self.vertices))
         super().__post_init__()
 
@@ -138,9 +138,9 @@ class CellMesh(Artifact):
 
     def __post_init__(self) -> None:
         owner = type(self).__name__
-        self._own("vertices", np.float64, (None, 3))
+        self.own_array("vertices", np.float64, (None, 3))
         for name, kind in self._kinds().items():
-            self._own(name, np.int64, (None, CELL_TYPES[kind].corners))
+            self.own_array(name, np.int64, (None, CELL_TYPES[kind].corners))
             _require_indices(owner, name, getattr(self, name), len(self.vertices))
         for fault in mesh_faults(self.vertices, self.cells):
             raise StageError(f"{owner}{fault}")
@@ -253,7 +253,7 @@ class Solid(SurfaceMesh):
     facts: Mapping[str, Fact] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._own("pore_volumes", np.float64, (None,))
+        self.own_array("pore_volumes", np.float64, (None,))
         super().__post_init__()
         if not len(self.faces) or self.volume <= 0.0:
             raise StageError(

@@ -23,8 +23,8 @@ class Histogram(Artifact):
     shares: Floats
 
     def __post_init__(self) -> None:
-        self._own("edges", np.float64, (None,))
-        self._own("shares", np.float64, (max(len(self.edges) - 1, 0),))
+        self.own_array("edges", np.float64, (None,))
+        self.own_array("shares", np.float64, (max(len(self.edges) - 1, 0),))
         if not (np.diff(self.edges) > 0.0).all():
             raise StageError(f"Histogram.edges: must rise, those of {self.name} do not")
         super().__post_init__()
@@ -42,8 +42,8 @@ class Curve(Artifact):
     y: Floats
 
     def __post_init__(self) -> None:
-        self._own("x", np.float64, (None,))
-        self._own("y", np.float64, self.x.shape)
+        self.own_array("x", np.float64, (None,))
+        self.own_array("y", np.float64, self.x.shape)
         if not (np.diff(self.x) > 0.0).all():
             raise StageError(f"Curve.x: must rise, that of {self.name} does not")
         super().__post_init__()
@@ -58,7 +58,7 @@ class Finding(Artifact):
     places: Floats = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
-        self._own("places", np.float64, (None, 3))
+        self.own_array("places", np.float64, (None, 3))
         super().__post_init__()
 
 
@@ -79,7 +79,7 @@ class Metrics(Artifact):
     strut_thickness: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        self._own("strut_thickness", np.float64, (None,))
+        self.own_array("strut_thickness", np.float64, (None,))
         super().__post_init__()
 
     def summary(self) -> dict[str, Fact]:

@@ -250,11 +250,11 @@ def main(arguments: list[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except KeyboardInterrupt:
-        return _failed("interrupted; the same command goes on with the stages that are finished", INTERRUPTED, tokens)
+        return _fail("interrupted; the same command goes on with the stages that are finished", INTERRUPTED, tokens)
     except Exception as error:  # noqa: BLE001 - a user meets lines, not tracebacks
         if debug:
             traceback.print_exc()
-        return _failed(*_told(error), tokens)
+        return _fail(*_error_lines(error), tokens)
     return code
 
 
@@ -273,12 +273,12 @@ def _closing_words(folder: Path, metrics: dict[str, Fact]) -> str:
     return f"{folder}: {porosity}{wanted}, quality: {quality}; see {folder / 'report.html'}"
 
 
-def _told(error: Exception) -> tuple[str, int]:
+def _error_lines(error: Exception) -> tuple[str, int]:
     """Return the lines and the exit code that an error becomes."""
     return (str(error), USAGE) if isinstance(error, CycloptsError) else lines_and_code(error)
 
 
-def _failed(message: str, code: int, tokens: list[str]) -> int:
+def _fail(message: str, code: int, tokens: list[str]) -> int:
     print(message, file=sys.stderr)
     if "--json" in tokens:
         answer({"error": message.splitlines(), "exit_code": code}, "", as_json=True)

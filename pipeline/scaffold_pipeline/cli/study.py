@@ -25,7 +25,7 @@ from scaffold_pipeline.errors import ConfigError, Fault
 
 if TYPE_CHECKING:
     from scaffold_pipeline.run.cache import Cache
-    from scaffold_pipeline.study.study import Site
+    from scaffold_pipeline.study.study import PointPlan
     from scaffold_pipeline.study.table import PointState
 
 CacheName = Annotated[Path | None, Parameter(help="The cache's folder; SCAFFOLD_PIPELINE_CACHE by default.")]
@@ -68,37 +68,39 @@ def study(  # noqa: PLR0913 - one argument an option
         Take on a study of thousands of points.
     """
     from scaffold_pipeline.cli.console import watch_study
-    from scaffold_pipeline.study.cluster import cluster_crew
+    from scaffold_pipeline.study.cluster import cluster_pool
     from scaffold_pipeline.study.file import read_study
-    from scaffold_pipeline.study.study import run_study, survey
-    from scaffold_pipeline.study.workers import local_crew
+    from scaffold_pipeline.study.study import plan_points, run_study
+    from scaffold_pipeline.study.workers import local_pool
 
     asked = read_study(study_file, settings, may_be_large=yes)
     folder, shared = out or Path("studies", asked.name), chosen_cache(cache_folder)
     if dry_run:
-        return _tell_outlook(survey(asked, folder, shared), as_json=as_json)
-    hire = partial(cluster_crew, scheduler, count=workers) if scheduler else partial(local_crew, count=workers)
+        return _tell_outlook(plan_points(asked, folder, shared), as_json=as_json)
+    pool_factory = partial(cluster_pool, scheduler, count=workers) if scheduler else partial(local_pool, count=workers)
     with watch_study(quiet=quiet or as_json) as watcher:
-        states = run_study(asked, folder, cache=shared, hire=hire, keep_going=keep_going, watcher=watcher)
+        states = run_study(
+            asked, folder, cache=shared, pool_factory=pool_factory, keep_going=keep_going, watcher=watcher
+        )
     if shared is not None:
         shared.prune()
     return _tell_end(folder, states, quiet=quiet, as_json=as_json)
 
 
-def _tell_outlook(sites: list[Site], *, as_json: bool) -> int:
+def _tell_outlook(plans: list[PointPlan], *, as_json: bool) -> int:
     from scaffold_pipeline.study.study import work_left
 
     points = [
         {
-            "point": site.point.name,
-            "done": site.is_done,
-            "unchanged": [label for label in site.recipes if label in site.unchanged],
-            "to_run": [label for label in site.recipes if label not in site.unchanged],
+            "point": plan.point.name,
+            "done": plan.is_done,
+            "unchanged": [label for label in plan.recipes if label in plan.unchanged],
+            "to_run": [label for label in plan.recipes if label not in plan.unchanged],
         }
-        for site in sites
+        for plan in plans
     ]
     lines = [f"{point['point']}: {_outlook(point)}" for point in points]
-    left, done = work_left(sites), sum(site.is_done for site in sites)
+    left, done = work_left(plans), sum(plan.is_done for plan in plans)
     lines.append(f"{len(points)} points, {done} done; {left} results to compute, each once for all that share it")
     return answer({"points": points, "results_to_compute": left}, "\n".join(lines), as_json=as_json)
 
@@ -130,7 +132,7 @@ def cache_size(folder: CacheName = None, *, as_json: Json = False) -> int:
     """Tell how many results the cache holds, and its size."""
     from scaffold_pipeline.report.wording import to_size
 
-    used = _named(folder)
+    used = _cache_named(folder)
     count, size = len(used.entries()), used.size()
     return answer({"results": count, "bytes": size}, f"{used.root}: {count} results, {to_size(size)}", as_json=as_json)
 
@@ -143,7 +145,7 @@ def cache_list(folder: CacheName = None, *, as_json: Json = False) -> int:
     from scaffold_pipeline.report.wording import to_duration, to_size
 
     told, lines = [], []
-    for entry in _named(folder).entries():
+    for entry in _cache_named(folder).entries():
         count, used = sum(entry.files.values()), datetime.fromtimestamp(entry.used, UTC).isoformat(timespec="seconds")
         facts = {"key": entry.key, "stage": entry.stage, "version": entry.version, "seconds": entry.seconds}
         told.append({**facts, "bytes": count, "used": used})
@@ -164,12 +166,12 @@ def cache_prune(folder: CacheName = None, *, keep: str | None = None, as_json: J
     from scaffold_pipeline.report.wording import to_size
     from scaffold_pipeline.run.cache import parse_size
 
-    used = _named(folder)
+    used = _cache_named(folder)
     freed = used.prune(None if keep is None else parse_size(keep, "--keep"))
     return answer({"freed_bytes": freed}, f"{used.root}: {to_size(freed)} freed", as_json=as_json)
 
 
-def _named(folder: Path | None) -> Cache:
+def _cache_named(folder: Path | None) -> Cache:
     used = chosen_cache(folder)
     if used is None:
         message = "which cache? Give its folder, or set SCAFFOLD_PIPELINE_CACHE; a study's own is STUDY_FOLDER/cache"

@@ -126,7 +126,7 @@ def read_settings(texts: Sequence[str]) -> tuple[Setting, ...]:
 def make_draft(document: Document, settings: Sequence[Setting] = ()) -> Draft:
     """Return the draft of a configuration that was read, with `settings` in the place of its own values."""
     path = Path(document.source)
-    values = _unshared(document.values)
+    values = _copy_tree(document.values)
     values.setdefault("name", path.stem)
     setting_faults, overrides = _apply_settings(values, settings)
     draft = Draft("", 0, (), document, overrides, ())
@@ -142,11 +142,11 @@ def make_draft(document: Document, settings: Sequence[Setting] = ()) -> Draft:
     return Draft(name, seed if isinstance(seed, int) else 0, tuple(stages), document, overrides, tuple(faults))
 
 
-def _unshared(value: Any) -> Any:  # noqa: ANN401 - a YAML tree
+def _copy_tree(value: Any) -> Any:  # noqa: ANN401 - a YAML tree
     """Return a copy of a YAML tree in which an alias and what it stands for are two values."""
     if isinstance(value, dict):
-        return {key: _unshared(entry) for key, entry in value.items()}
-    return [_unshared(entry) for entry in value] if isinstance(value, list) else value
+        return {key: _copy_tree(entry) for key, entry in value.items()}
+    return [_copy_tree(entry) for entry in value] if isinstance(value, list) else value
 
 
 def _read_text(path: Path) -> str:
@@ -183,7 +183,7 @@ def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
 def _read_stage(draft: Draft, index: int, entry: object, context: dict[str, Any]) -> tuple[StageDraft, list[Fault]]:
     path = ("stages", index)
     if not isinstance(entry, dict) or not isinstance(entry.get("use"), str):
-        message = f"stages.{index}: must be a mapping with `use: STAGE`, got {shown(entry)}"
+        message = f"stages.{index}: must be a mapping with `use: STAGE`, got {format_value(entry)}"
         return StageDraft(index, "?", None, None), [draft.fault(path, message)]
     bare = StageDraft(index, entry["use"], None, None)
     try:
@@ -227,10 +227,10 @@ def _message(detail: ErrorDetails, stage: Stage) -> str:
         return f"{place}: is required"
     rule = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("Input", "it")
     subject = f"{place}: {rule}" if place else rule
-    return subject if detail["type"] == "value_error" else f"{subject}, got {shown(detail['input'])}"
+    return subject if detail["type"] == "value_error" else f"{subject}, got {format_value(detail['input'])}"
 
 
-def shown(value: object) -> str:
+def format_value(value: object) -> str:
     """Return a value as a fault shows it."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."  # noqa: PLR2004 - keeps a fault on one line
@@ -314,7 +314,7 @@ def _from_there(entry: dict[Any, Any], key: str, setting: Setting) -> object:
     """Return the setting's value; a file path as seen from the setting's folder, as a shell completes it."""
     value = setting.value
     if not isinstance(value, str):
-        return _unshared(value)
+        return _copy_tree(value)
     try:
         stage = load_stage(str(entry.get("use")))
     except (LookupError, StageDefinitionError):

@@ -99,7 +99,7 @@ def _add_run(crate: ROCrate, root: Path, folder: Path, software: Entity) -> Enti
     files = {folder / name: facts["sha256"] for name, facts in record["files"].items()}
     files[folder / RECORD] = hash_file(folder / RECORD)
     added = _add_files(crate, root, files)
-    _add_files(crate, root, {path: hash_file(path) for path in _stored(folder, record)})
+    _add_files(crate, root, {path: hash_file(path) for path in _unrepeatable_files(folder, record)})
     config = added.pop("config.yaml")
     return crate.add_action(
         software,
@@ -122,7 +122,7 @@ def _add_files(crate: ROCrate, root: Path, files: Mapping[Path, str]) -> dict[st
     return added
 
 
-def _stored(folder: Path, record: Mapping[str, Any]) -> Iterator[Path]:
+def _unrepeatable_files(folder: Path, record: Mapping[str, Any]) -> Iterator[Path]:
     """Yield the files of the run's store with what cannot be repeated."""
     store = Store(folder / STORE)
     for stage in record["stages"]:

@@ -76,7 +76,7 @@ def verify_run(folder: Path, progress: Progress | None = None) -> Verification:
 
     told, difference = progress or Progress(), None
     with TemporaryDirectory(prefix="scaffold-verify-") as scratch:
-        stored = _give_stored(plan, stages, Store(folder / STORE), Store(Path(scratch, STORE)))
+        stored = _copy_unrepeatable(plan, stages, Store(folder / STORE), Store(Path(scratch, STORE)))
         try:
             execute(plan, Path(scratch), progress=replace(told, finished=compare))
         except _DifferenceError as error:
@@ -91,7 +91,9 @@ def require_files(folder: Path, record: Mapping[str, Any]) -> None:
         path = folder / name
         found = hash_file(path) if path.is_file() else None
         if found != facts["sha256"]:
-            raise PipelineError(f"{path}: {_told('is not the file that the run wrote', facts['sha256'], found)}")
+            raise PipelineError(
+                f"{path}: {_difference_message('is not the file that the run wrote', facts['sha256'], found)}"
+            )
 
 
 def _require_inputs(step: Step, recorded: Mapping[str, Any]) -> None:
@@ -100,15 +102,15 @@ def _require_inputs(step: Step, recorded: Mapping[str, Any]) -> None:
         earlier = recorded["input_files"].get(name)
         if digest != earlier:
             rule = f"{step.label}: {name}: {getattr(step.params, name)} was changed since the run"
-            raise PipelineError(f"{_told(rule, earlier, digest)}; put the file back that was used")
+            raise PipelineError(f"{_difference_message(rule, earlier, digest)}; put the file back that was used")
 
 
-def _told(rule: str, recorded: str | None, found: str | None) -> str:
+def _difference_message(rule: str, recorded: str | None, found: str | None) -> str:
     """Return a line that says how two hashes differ."""
     return f"{rule}: recorded {(recorded or 'nothing')[:12]}, found {(found or 'nothing')[:12]}"
 
 
-def _give_stored(plan: Plan, stages: Mapping[str, Any], source: Store, target: Store) -> tuple[str, ...]:
+def _copy_unrepeatable(plan: Plan, stages: Mapping[str, Any], source: Store, target: Store) -> tuple[str, ...]:
     """Let `target` have what cannot be repeated, under the keys of today; return the labels."""
     target.make_folders()
     fixed = [step for step in plan.steps if not step.stage.is_repeatable]

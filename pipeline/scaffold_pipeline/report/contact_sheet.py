@@ -80,7 +80,7 @@ def draw_sheet(title: str, cells: Sequence[Cell]) -> Image.Image:
     width = max(across * (_PICTURE + _GAP) - _GAP, min(ceil(names), _MOST_WIDTH))
     columns = max(1, min(len(cells), round(sqrt(_TALL * len(cells) / across))))
     rows = [cells[start : start + columns] for start in range(0, len(cells), columns)]
-    texts = [[_wrapped(cell.lines, width) for cell in row] for row in rows]
+    texts = [[_wrap_lines(cell.lines, width) for cell in row] for row in rows]
     heights = [_PICTURE + 2 * _NAME + _LINE * max(map(len, text)) + _MARGIN for text in texts]
     size = (_MARGIN + columns * (width + _MARGIN), _MARGIN + 3 * _NAME + sum(heights))
     sheet = Image.new("RGB", size, _PAPER)
@@ -89,7 +89,7 @@ def draw_sheet(title: str, cells: Sequence[Cell]) -> Image.Image:
     for row, text, height in zip(rows, texts, heights, strict=True):
         for column, (cell, lines) in enumerate(zip(row, text, strict=True)):
             _draw_cell(
-                sheet, (_MARGIN + column * (width + _MARGIN), y, width), cell, (_fitted(cell.name, width), *lines)
+                sheet, (_MARGIN + column * (width + _MARGIN), y, width), cell, (_fit_width(cell.name, width), *lines)
             )
         y += height
     return sheet
@@ -111,14 +111,14 @@ def _draw_cell(sheet: Image.Image, place: tuple[int, int, int], cell: Cell, text
         pen.text((x, y + _PICTURE + 7 * _NAME // 4 + number * _LINE), line, _FAINT, _font(_TEXT))
 
 
-def _fitted(name: str, width: int) -> str:
+def _fit_width(name: str, width: int) -> str:
     """Return the end of a name that is too long: it tells points apart."""
     font = _font(_NAME)
     starts = (name, *(f"\u2026{name[start:]}" for start in range(1, len(name))))
     return next((start for start in starts if font.getlength(start) <= width), name[-1:])
 
 
-def _wrapped(lines: Sequence[str], width: int) -> list[str]:
+def _wrap_lines(lines: Sequence[str], width: int) -> list[str]:
     """Return `lines` broken at blanks to `width` pixels; what is beyond the most lines is cut off, with an ellipsis."""
     font, broken = _font(_TEXT), []
     for line in lines:

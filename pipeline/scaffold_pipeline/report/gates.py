@@ -46,7 +46,7 @@ class Gate:
     about: str
 
 
-def judged(record: Mapping[str, Any], metrics: Mapping[str, Fact]) -> list[Gate]:
+def list_gates(record: Mapping[str, Any], metrics: Mapping[str, Fact]) -> list[Gate]:
     """Return the gates of a run, those that failed first; none where nothing was judged."""
     quality = metrics.get("quality")
     failures = failed_gates(record.get("quality") if quality is None else quality)
@@ -56,7 +56,7 @@ def judged(record: Mapping[str, Any], metrics: Mapping[str, Fact]) -> list[Gate]
     failed = [_gate(line, "failed") for line in failures]
     without = [_gate(str(line), "not applied") for line in (skipped if isinstance(skipped, list) else [])]
     told = {gate.name for gate in (*failed, *without)}
-    others = [gate for gate in _switched(record) if gate.name not in told]
+    others = [gate for gate in _gates_by_parameters(record) if gate.name not in told]
     passed, off = ([gate for gate in others if gate.state == state] for state in ("passed", "switched off"))
     return [*failed, *passed, *without, *off]
 
@@ -66,7 +66,7 @@ def _gate(line: str, state: State) -> Gate:
     return Gate(line.partition(":")[0], state, line)
 
 
-def _switched(record: Mapping[str, Any]) -> Iterator[Gate]:
+def _gates_by_parameters(record: Mapping[str, Any]) -> Iterator[Gate]:
     """Yield the gates that the parameters of the judging stage name, as passed or switched off."""
     judges = [stage for stage in record.get("stages") or () if "quality" in (stage.get("summary") or {})]
     parameters = (judges[-1].get("parameters") or {}) if judges else {}

@@ -15,7 +15,7 @@ from typing import Any
 
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.report import reproducing
-from scaffold_pipeline.report.gates import gate_list, judged
+from scaffold_pipeline.report.gates import gate_list, list_gates
 from scaffold_pipeline.report.markup import TABLES, Number, contents, document, folded, items, section, table, text_of
 from scaffold_pipeline.report.page_style import STYLE
 from scaffold_pipeline.report.plots import draw_curve, draw_histogram
@@ -88,7 +88,8 @@ def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact])
         )
     )
     return (
-        f'<header>\n<h1>{name}</h1>\n<p class="verdict {kind}">{verdict}</p>\n{gate_list(judged(record, metrics))}\n'
+        f'<header>\n<h1>{name}</h1>\n<p class="verdict {kind}">{verdict}</p>\n'
+        f"{gate_list(list_gates(record, metrics))}\n"
         f'{highlights(metrics)}\n<p class="told">{told}</p>\n</header>'
     )
 

@@ -100,22 +100,22 @@ def draw_view(view: View, findings: Sequence[Mapping[str, Any]], name: str) -> s
         "size": size.tolist(),
         "scale": scale,
         "thickness": ends,
-        "findings": [_marked(finding, number) for number, finding in enumerate(findings)],
+        "findings": [_mark_finding(finding, number) for number, finding in enumerate(findings)],
         "ramp": RAMP,
         "bone": _BONE,
         "cap": _CAP,
         "glass": _GLASS,
     }
-    packed = b64encode(_packed(view, low, scale, ends)).decode()
+    packed = b64encode(_pack_view(view, low, scale, ends)).decode()
     return (
         f'<div id="view" hidden>\n{_controls(view, findings)}\n{_stage(name, size.tolist())}\n{_legend(ends)}'
-        f'<p class="meaning" id="view-help">{_HELP} {_told(view)}</p>\n</div>\n'
+        f'<p class="meaning" id="view-help">{_HELP} {_view_summary(view)}</p>\n</div>\n'
         f'<p class="none" id="view-none" hidden></p>\n{harmless_json("view-facts", facts)}\n'
         f'<script type="text/plain" id="view-data">{packed}</script>'
     )
 
 
-def _packed(view: View, low: NDArray[np.float64], scale: float, ends: list[float] | None) -> bytes:
+def _pack_view(view: View, low: NDArray[np.float64], scale: float, ends: list[float] | None) -> bytes:
     """Return faces, places and thickness as the script unpacks them: numbers of 4, 2 and 1 bytes, deflated."""
     corners = [faces.astype("<u4") for faces in (view.faces, view.outer_faces)]
     places = [np.rint((points - low) / scale * _FULL).astype("<u2") for points in (view.vertices, view.outer_vertices)]
@@ -142,7 +142,7 @@ def colour_of(number: int) -> str:
     return MARKS[number % len(MARKS)]
 
 
-def _marked(finding: Mapping[str, Any], number: int) -> dict[str, Any]:
+def _mark_finding(finding: Mapping[str, Any], number: int) -> dict[str, Any]:
     return {"colour": colour_of(number), "places": places_of(finding)[:MOST_PLACES]}
 
 
@@ -196,7 +196,7 @@ def _legend(ends: list[float] | None) -> str:
     )
 
 
-def _told(view: View) -> str:
+def _view_summary(view: View) -> str:
     shown, whole = len(view.faces), view.triangles
     if shown >= whole:
         return f"All {to_text(whole)} triangles are shown."

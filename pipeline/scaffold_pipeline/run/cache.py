@@ -71,7 +71,7 @@ class Cache:
         self.limit = limit
         self.store = Store(root)
 
-    def hold(self, key: str) -> FileLock:
+    def lock(self, key: str) -> FileLock:
         """Wait until no other process works on `key`, and return the lock to release; the system does it for the dead.
 
         Raises `OSError` or `NotImplementedError` where the folder cannot be written or knows no locks.
@@ -82,7 +82,7 @@ class Cache:
         held.acquire()
         return held
 
-    def give(self, key: str, store: Store) -> bool:
+    def fetch(self, key: str, store: Store) -> bool:
         """Let `store` have the result of `key`; return whether there is one.
 
         Raises `DamagedStoreError` where it is not whole, and forgets it.
@@ -101,7 +101,7 @@ class Cache:
             os.utime(self.store.path("results", key))  # the time of its last use
         return True
 
-    def take(self, key: str, store: Store) -> None:
+    def publish(self, key: str, store: Store) -> None:
         """Have the result of `key` that `store` has; raises `OSError` where the folder cannot be written."""
         self.store.make_folders()
         store.share(key, self.store)
@@ -146,7 +146,7 @@ class Cache:
         return self.root / "locks" / f"{key}.lock"
 
 
-class Sharing:
+class CacheClient:
     """One run's side of a cache, or of none: what is wrong with it is told by `warn`, and the run goes on without."""
 
     def __init__(self, cache: Cache | None, store: Store, warn: Callable[[str], None]) -> None:
@@ -156,28 +156,28 @@ class Sharing:
         self._may_write = True
 
     @contextmanager
-    def holding(self, key: str) -> Iterator[None]:
+    def lock(self, key: str) -> Iterator[None]:
         """Let one run at a time work on `key`, as far as the cache can be written."""
-        lock = self._attempt(lambda cache: cache.hold(key))
+        lock = self._attempt(lambda cache: cache.lock(key))
         try:
             yield
         finally:
             if lock is not None:
                 lock.release()
 
-    def give(self, key: str) -> bool:
+    def fetch(self, key: str) -> bool:
         """Let the run's store have the cache's result of `key`; return whether there was a whole one."""
         if self._cache is None:
             return False
         try:
-            return self._cache.give(key, self._store)
+            return self._cache.fetch(key, self._store)
         except (DamagedStoreError, OSError) as error:
             self._warn(f"cache {self._cache.root}: {error}; the stage is run again")
             return False
 
-    def take(self, key: str) -> None:
+    def publish(self, key: str) -> None:
         """Let the cache have the result of `key` that is in the run's store."""
-        self._attempt(lambda cache: cache.take(key, self._store))
+        self._attempt(lambda cache: cache.publish(key, self._store))
 
     def _attempt(self, write: Callable[[Cache], Written]) -> Written | None:
         """Return what `write` does to the cache, or None without one and from its first failure on."""

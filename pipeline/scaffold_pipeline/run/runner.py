@@ -31,7 +31,7 @@ from scaffold_pipeline.errors import (
     StageError,
 )
 from scaffold_pipeline.processes.memory import PeakMemory
-from scaffold_pipeline.run.cache import Cache, Sharing
+from scaffold_pipeline.run.cache import Cache, CacheClient
 from scaffold_pipeline.run.records import StepRecord, config_hash, input_files, step_key
 from scaffold_pipeline.run.store import OUT_PREFIX, DamagedStoreError, Store, first_result
 
@@ -68,8 +68,8 @@ class _Run:
     messages: list[str] = field(default_factory=list)
 
     @cached_property
-    def sharing(self) -> Sharing:
-        return Sharing(self.cache, self.store, self.warn)
+    def sharing(self) -> CacheClient:
+        return CacheClient(self.cache, self.store, self.warn)
 
     def warn(self, message: str) -> None:
         self.messages.append(message)
@@ -164,7 +164,7 @@ def unchanged_labels(plan: Plan, out: Path, force: Collection[str] = (), cache: 
         stored = first_result(stores, step_key(plan, step, state.hashes(step))) if is_known else None
         state.records.pop(step.slot, None)
         if stored is not None:
-            state.records[step.slot] = _reused(step, stored)
+            state.records[step.slot] = _reuse(step, stored)
             labels.append(step.label)
     return labels
 
@@ -216,12 +216,12 @@ def _run_or_reuse(run: _Run, step: Step, state: _State) -> StepRecord:
     key, value = step_key(run.plan, step, state.hashes(step)), None
     record = _reusable(run, step, key)
     if record is None:
-        with run.sharing.holding(key):
-            is_given = step.label not in run.forced and run.sharing.give(key)
+        with run.sharing.lock(key):
+            is_given = step.label not in run.forced and run.sharing.fetch(key)
             record = _reusable(run, step, key) if is_given else None
             if record is None:
                 record, value = _run_step(run, step, key, state)
-                run.sharing.take(key)
+                run.sharing.publish(key)
                 run.forced.discard(step.label)
     state.values.pop(step.slot, None)
     if value is not None:
@@ -231,11 +231,11 @@ def _run_or_reuse(run: _Run, step: Step, state: _State) -> StepRecord:
 
 
 def _reusable(run: _Run, step: Step, key: str) -> StepRecord | None:
-    stored = None if step.label in run.forced else _stored(run, step, key)
-    return None if stored is None else _reused(step, stored)
+    stored = None if step.label in run.forced else _stored_result(run, step, key)
+    return None if stored is None else _reuse(step, stored)
 
 
-def _stored(run: _Run, step: Step, key: str) -> dict[str, Any] | None:
+def _stored_result(run: _Run, step: Step, key: str) -> dict[str, Any] | None:
     try:
         return run.store.result(key)
     except DamagedStoreError as damage:
@@ -243,7 +243,7 @@ def _stored(run: _Run, step: Step, key: str) -> dict[str, Any] | None:
         return None
 
 
-def _reused(step: Step, stored: Mapping[str, Any]) -> StepRecord:
+def _reuse(step: Step, stored: Mapping[str, Any]) -> StepRecord:
     """Return a stored record as one of this run, whose names of stage, slot and files may be others."""
     record = StepRecord(**{**stored, "warnings": tuple(stored["warnings"])})
     parameters = step.params.model_dump(mode="json")
@@ -326,7 +326,7 @@ def _call(step: Step, arguments: Mapping[str, object]) -> tuple[Artifact, tuple[
         try:
             output = step.stage.function(**arguments)
         except PipelineError as error:
-            raise _told_of(error, step) from error
+            raise _labelled_error(error, step) from error
         except MemoryError as error:
             raise MemoryShortageError(f"{step.label}: ran out of memory; use larger voxels or cells") from error
         except Exception as error:
@@ -339,7 +339,7 @@ def _call(step: Step, arguments: Mapping[str, object]) -> tuple[Artifact, tuple[
     return output, tuple(dict.fromkeys(messages))
 
 
-def _told_of(error: PipelineError, step: Step) -> PipelineError:
+def _labelled_error(error: PipelineError, step: Step) -> PipelineError:
     kind = type(error) if type(error) in {MemoryShortageError, StageError, StageDefinitionError} else StageError
     return kind(f"{step.label}: {error}")
 

@@ -262,9 +262,9 @@ class Store:
         kind = getattr(import_module(module), name)
         if not (isinstance(kind, type) and issubclass(kind, Artifact)):
             raise DamagedStoreError(f"stored type {manifest['type']!r} is not an artifact")
-        return kind(**{name: self._restored(entry) for name, entry in manifest["fields"].items()})
+        return kind(**{name: self._restore_entry(entry) for name, entry in manifest["fields"].items()})
 
-    def _restored(self, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - whatever the field holds
+    def _restore_entry(self, entry: dict[str, Any]) -> Any:  # noqa: ANN401 - whatever the field holds
         if "array" in entry:
             return self._load_array(entry["array"])
         if "artifact" in entry:

@@ -26,7 +26,7 @@ from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.processes.isolation import die_with_parent
 from scaffold_pipeline.processes.threads import THREAD_VARIABLES, thread_count, use_one_blas_thread
 from scaffold_pipeline.report.publish import library_versions
-from scaffold_pipeline.study.workers import Crew
+from scaffold_pipeline.study.workers import WorkerPool
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -35,7 +35,7 @@ PATIENCE = 5.0
 """Seconds that a scheduler has to answer."""
 
 
-def cluster_crew(address: str, most: int, count: int | None = None) -> Crew:
+def cluster_pool(address: str, most: int, count: int | None = None) -> WorkerPool:
     """Return the workers of the scheduler at `address`: `count` points at once, by default one a worker.
 
     There are `most` at most. Raises `PipelineError` where none answers, or it has no workers, or one of them has other
@@ -44,12 +44,12 @@ def cluster_crew(address: str, most: int, count: int | None = None) -> Crew:
     with _client(address) as client:
         found = _workers(address, client)
     memory = sum(worker["memory_limit"] or sys.maxsize for worker in found)
-    return Crew(min(count or len(found), most), memory, partial(_cluster, address))
+    return WorkerPool(min(count or len(found), most), memory, partial(_cluster, address))
 
 
 @contextmanager
 def cluster_executor(address: str | None) -> Iterator[Executor | None]:
-    """Give an executor of the scheduler's workers, which are checked as for a crew; none without an address."""
+    """Give an executor of the scheduler's workers, which are checked as for a pool; none without an address."""
     if address is None:
         yield None
         return

@@ -25,10 +25,10 @@ from scaffold_pipeline.config.draft import (
     NAME_RULE,
     STUDY_KEYS,
     Setting,
+    format_value,
     make_draft,
     read_document,
     read_settings,
-    shown,
     target_fault,
 )
 from scaffold_pipeline.config.plan import Plan, make_plan
@@ -104,7 +104,7 @@ def read_study(path: Path, settings: Sequence[str] = (), *, may_be_large: bool =
     if count > MOST_POINTS and not may_be_large:
         rule = f"makes {count:,} points, more than {MOST_POINTS:,}; give --yes if that is meant"
         raise ConfigError([document.fault((singles.key,), f"{singles.key}: {rule}")])
-    points = [_named(point) for single in singles.points() for point in _repeated(single, repeats)]
+    points = [_name_point(point) for single in singles.points() for point in _repeat_point(single, repeats)]
     _raise_any(_point_faults(points, document.fault((singles.key,), "")))
     columns = (*singles.columns, *(("repeat", "seed") if repeats > 1 else ()))
     return Study(str(document.values.get("name", path.stem)), columns, tuple(points), document.comment)
@@ -117,11 +117,13 @@ def _top_level_faults(document: Document) -> Iterator[Fault]:
             yield document.fault((str(key),), f"unknown key {key!r}{did_you_mean(str(key), _TOP_LEVEL)}")
     name, mode, repeats = values.get("name", "study"), values.get("mode", "grid"), values.get("repeats", 1)
     if not (isinstance(name, str) and NAME.fullmatch(name)):
-        yield document.fault(("name",), f"name: {NAME_RULE}, got {shown(name)}")
+        yield document.fault(("name",), f"name: {NAME_RULE}, got {format_value(name)}")
     if mode not in MODES:
-        yield document.fault(("mode",), f"mode: must be one of {', '.join(MODES)}, got {shown(mode)}")
+        yield document.fault(("mode",), f"mode: must be one of {', '.join(MODES)}, got {format_value(mode)}")
     if isinstance(repeats, bool) or not isinstance(repeats, int) or repeats < 1:
-        yield document.fault(("repeats",), f"repeats: must be a whole number of 1 at least, got {shown(repeats)}")
+        yield document.fault(
+            ("repeats",), f"repeats: must be a whole number of 1 at least, got {format_value(repeats)}"
+        )
     for key in {"base", "vary", "mode"} & set(values) if "runs" in values else ():
         yield document.fault((key,), f"{key}: cannot stand beside runs, which lists whole configs")
     if not {"base", "runs"} & set(values):
@@ -133,7 +135,7 @@ def _top_level_faults(document: Document) -> Iterator[Fault]:
 def _own_settings(document: Document) -> tuple[Setting, ...]:
     entry = document.values.get("set", {})
     if not isinstance(entry, dict):
-        raise ConfigError([document.fault(("set",), f"set: must map parameters to values, got {shown(entry)}")])
+        raise ConfigError([document.fault(("set",), f"set: must map parameters to values, got {format_value(entry)}")])
     return tuple(setting(document, ("set", str(target)), str(target), value) for target, value in entry.items())
 
 
@@ -171,7 +173,7 @@ def _target_faults(config: Document, found: Variations, given: tuple[Setting, ..
 def _from_runs(document: Document, given: tuple[Setting, ...]) -> _Singles:
     entries = document.values["runs"]
     if not isinstance(entries, list) or not entries:
-        raise ConfigError([document.fault(("runs",), f"runs: must be a list of configs, got {shown(entries)}")])
+        raise ConfigError([document.fault(("runs",), f"runs: must be a list of configs, got {format_value(entries)}")])
     configs = [_read_config(document, ("runs", index), entry) for index, entry in enumerate(entries)]
 
     def points() -> Iterator[Point]:
@@ -186,7 +188,7 @@ def _read_config(document: Document, path: yaml_source.Path, entry: object) -> D
     """Return the config that stands at `path` of a study file, named relative to its folder."""
     label = ".".join(map(str, path))
     if not isinstance(entry, str):
-        raise ConfigError([document.fault(path, f"{label}: must be the path of a config, got {shown(entry)}")])
+        raise ConfigError([document.fault(path, f"{label}: must be the path of a config, got {format_value(entry)}")])
     config = Path(document.source).parent / Path(entry).expanduser()
     if not config.is_file():
         rule = "no such file; paths in a study are relative to the study"
@@ -194,7 +196,7 @@ def _read_config(document: Document, path: yaml_source.Path, entry: object) -> D
     return read_document(config, "a config is a mapping with the keys name, seed and stages")
 
 
-def _repeated(point: Point, repeats: int) -> Iterator[Point]:
+def _repeat_point(point: Point, repeats: int) -> Iterator[Point]:
     """Yield `point` with as many seeds: first its own, then such as follow from it, the same for every point."""
     if repeats == 1:
         yield point
@@ -214,7 +216,7 @@ def derived_seed(root: object, number: int) -> int:
     return int.from_bytes(sha256(f"{root}:repeat {number}".encode()).digest()[:8], "big") >> 1
 
 
-def _named(point: Point) -> Point:
+def _name_point(point: Point) -> Point:
     return replace(point, settings=(*point.settings, Setting("name", point.name, Fault(0, 0, ""))))
 
 

@@ -148,7 +148,9 @@ def _headline(study: Study, cards: Sequence[Card]) -> str:
         for kind, words in _VERDICTS.items()
         if counts[kind]
     )
-    varied = "".join(f"<li><code>{text_of(name)}</code>: {values}</li>" for name, values in _varied(study, cards))
+    varied = "".join(
+        f"<li><code>{text_of(name)}</code>: {values}</li>" for name, values in _varied_values(study, cards)
+    )
     return (
         f'<header>\n<h1>{text_of(study.name)}</h1>\n<div class="verdicts">{verdicts}</div>\n'
         f'<p class="told">{text_of(study.caption) if study.caption else ""}</p>\n'
@@ -156,7 +158,7 @@ def _headline(study: Study, cards: Sequence[Card]) -> str:
     )
 
 
-def _varied(study: Study, cards: Sequence[Card]) -> Iterator[tuple[str, str]]:
+def _varied_values(study: Study, cards: Sequence[Card]) -> Iterator[tuple[str, str]]:
     """Yield what varied, each with its values, escaped."""
     for column in study.columns:
         values = dict.fromkeys(to_cell(card.state.varied.get(column)) or "left out" for card in cards)

@@ -62,7 +62,7 @@ class Schedule:
     _accompanied: set[str] = field(default_factory=set)
     _is_stopped: bool = False
 
-    def learn(self, expected: int, peak: int) -> None:
+    def calibrate(self, expected: int, peak: int) -> None:
         """Take into account that a task which was expected to need `expected` bytes had `peak`."""
         self._factor = max(self._factor, peak / expected)
 
@@ -127,7 +127,7 @@ class Schedule:
         return []
 
     def _end(self, task: Task, outcome: Outcome) -> None:
-        self.learn(task.memory, outcome.peak_memory_bytes)
+        self.calibrate(task.memory, outcome.peak_memory_bytes)
         if outcome.error is None:
             self._made |= task.pieces
         elif not self.keep_going:

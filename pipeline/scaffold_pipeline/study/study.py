@@ -34,7 +34,7 @@ from scaffold_pipeline.study.memory_forecast import Grids, expected_peak, grids_
 from scaffold_pipeline.study.page import write_page
 from scaffold_pipeline.study.schedule import Outcome, Schedule, Task
 from scaffold_pipeline.study.table import FAILURE, PointState, read_state, write_json, write_results
-from scaffold_pipeline.study.workers import Crew, interruptible, local_crew
+from scaffold_pipeline.study.workers import WorkerPool, interruptible, local_pool
 
 POINTS = "points"
 OWN_CACHE = "cache"
@@ -44,7 +44,7 @@ _WRITE_EVERY = 5.0
 
 
 @dataclass(frozen=True)
-class Site:
+class PointPlan:
     """A point and what is known before it runs: its resolved config, and for each label a hash of all behind it.
 
     `unchanged` are the labels whose results are stored.
@@ -96,10 +96,10 @@ class Watcher:
     warned: Callable[[str], None] = lambda _message: None
 
 
-def survey(study: Study, out: Path, cache: Cache | None = None) -> list[Site]:
+def plan_points(study: Study, out: Path, cache: Cache | None = None) -> list[PointPlan]:
     """Return all points with what is stored of each; reads the folders and writes nothing."""
     used = cache or own_cache(out)
-    return [_site(point, out, used) for point in study.points]
+    return [_plan_point(point, out, used) for point in study.points]
 
 
 def own_cache(out: Path) -> Cache:
@@ -107,15 +107,17 @@ def own_cache(out: Path) -> Cache:
     return Cache(out.resolve() / OWN_CACHE)
 
 
-def work_left(sites: Iterable[Site]) -> int:
+def work_left(plans: Iterable[PointPlan]) -> int:
     """Return the number of results that are not stored, each counted once however many points share it."""
-    return len(frozenset[str]().union(*(site.work for site in sites)))
+    return len(frozenset[str]().union(*(plan.work for plan in plans)))
 
 
-def _site(point: Point, out: Path, cache: Cache) -> Site:
+def _plan_point(point: Point, out: Path, cache: Cache) -> PointPlan:
     plan, folder = point.plan(), out.resolve() / POINTS / point.name
     unchanged = frozenset(unchanged_labels(plan, folder, cache=cache))
-    return Site(point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged, grids_of(plan))
+    return PointPlan(
+        point, folder, to_yaml(plan.resolved()), config_hash(plan), recipes(plan), unchanged, grids_of(plan)
+    )
 
 
 def run_study(
@@ -123,30 +125,30 @@ def run_study(
     out: Path,
     *,
     cache: Cache | None = None,
-    hire: Callable[[int], Crew] = local_crew,
+    pool_factory: Callable[[int], WorkerPool] = local_pool,
     keep_going: bool = False,
     watcher: Watcher | None = None,
 ) -> list[PointState]:
-    """Run the points that are not done yet by the crew that `hire` gives for their number; return the state of all.
+    """Run the points that are not done yet in the pool that `pool_factory` gives for their number; return all states.
 
     The table and the record are written now and then, and at the end, however it comes; the page when all have ended.
     After a point has failed those that run are finished and no other is started, unless `keep_going`.
     """
     with locked(out):
-        bench = _Bench(study, out, survey(study, out, cache), watcher or Watcher())
-        crew = hire(len(bench.left))
+        runner = _StudyRunner(study, out, plan_points(study, out, cache), watcher or Watcher())
+        pool = pool_factory(len(runner.left))
         shared = cache or own_cache(out)
-        bench.prepare(shared, crew.size)
+        runner.prepare(shared, pool.size)
         do = partial(run_point, out.resolve() / POINTS, shared.root)
-        schedule = Schedule(do, bench.ended, crew.size, keep_going, crew.memory)
+        schedule = Schedule(do, runner.ended, pool.size, keep_going, pool.memory)
         try:
-            if crew.size > 1:
-                bench.load_shapes(shared, crew)
-                bench.teach(shared, schedule)
-            schedule.run(bench.tasks(shared), crew.start)
+            if pool.size > 1:
+                runner.load_shapes(shared, pool)
+                runner.calibrate(shared, schedule)
+            schedule.run(runner.tasks(shared), pool.start)
         finally:
-            bench.write()
-        states = list(bench.states.values())
+            runner.write()
+        states = list(runner.states.values())
         write_page(out, study, states, POINTS)
     return states
 
@@ -166,14 +168,14 @@ def run_point(points: Path, cache: Path, name: str, *, first_only: bool = False)
 
 
 @dataclass
-class _Bench:
-    """A study at work: the states of all points by name, and the sites that were not done when it began."""
+class _StudyRunner:
+    """A study at work: the states of all points by name, and the points that were not done when it began."""
 
     study: Study
     out: Path
-    sites: Sequence[Site]
+    plans: Sequence[PointPlan]
     watcher: Watcher
-    left: dict[str, Site] = field(init=False)
+    left: dict[str, PointPlan] = field(init=False)
     states: dict[str, PointState] = field(init=False)
     _told: set[str] = field(default_factory=set)
     _facts: dict[str, Any] = field(default_factory=dict)
@@ -181,48 +183,48 @@ class _Bench:
     _written: float = 0.0
 
     def __post_init__(self) -> None:
-        self.left = {site.point.name: site for site in self.sites if not site.is_done}
-        self.states = {site.point.name: site.state for site in self.sites}
+        self.left = {plan.point.name: plan for plan in self.plans if not plan.is_done}
+        self.states = {plan.point.name: plan.state for plan in self.plans}
 
     def prepare(self, cache: Cache, workers: int) -> None:
         """Write the config of each point that is left, and give `cache` what finished ones hold and it has lost."""
-        for site in self.sites:
-            _give_back(Store(site.folder / STORE), cache)
-        for site in self.left.values():
-            site.folder.mkdir(parents=True, exist_ok=True)
-            write_atomically(site.folder / "config.yaml", partial(_write_text, site.config))
+        for plan in self.plans:
+            _give_back(Store(plan.folder / STORE), cache)
+        for plan in self.left.values():
+            plan.folder.mkdir(parents=True, exist_ok=True)
+            write_atomically(plan.folder / "config.yaml", partial(_write_text, plan.config))
         self._facts = {"name": self.study.name, "workers": workers, "cache": str(cache.root), **environment()}
         self.write()
 
-    def load_shapes(self, cache: Cache, crew: Crew) -> None:
+    def load_shapes(self, cache: Cache, pool: WorkerPool) -> None:
         """Let the first stage of each point be done that tells how large it is, once for all that share it."""
-        unknown = {site.source: name for name, site in self.left.items() if site.grids.any and not site.shape(cache)}
+        unknown = {plan.source: name for name, plan in self.left.items() if plan.grids.any and not plan.shape(cache)}
         do = partial(run_point, self.out.resolve() / POINTS, cache.root, first_only=True)
-        schedule = Schedule(do, lambda _name, _outcome: None, crew.size, keep_going=True, memory=crew.memory)
-        schedule.run([Task(name, frozenset()) for name in unknown.values()], crew.start)
+        schedule = Schedule(do, lambda _name, _outcome: None, pool.size, keep_going=True, memory=pool.memory)
+        schedule.run([Task(name, frozenset()) for name in unknown.values()], pool.start)
 
-    def teach(self, cache: Cache, schedule: Schedule) -> None:
+    def calibrate(self, cache: Cache, schedule: Schedule) -> None:
         """Tell `schedule` how much memory the points had that were done before."""
-        for site in self.sites:
-            if site.point.name not in self.left:
-                schedule.learn(site.memory(cache), site.state.record["peak_memory_bytes"])
+        for plan in self.plans:
+            if plan.point.name not in self.left:
+                schedule.calibrate(plan.memory(cache), plan.state.record["peak_memory_bytes"])
 
     def tasks(self, cache: Cache) -> list[Task]:
         """Return what is left to do."""
-        return [Task(name, site.work, site.memory(cache)) for name, site in self.left.items()]
+        return [Task(name, plan.work, plan.memory(cache)) for name, plan in self.left.items()]
 
     def ended(self, name: str, outcome: Outcome) -> None:
         """Keep what became of a point."""
-        site = self.left.pop(name)
+        plan = self.left.pop(name)
         if outcome.error is None:
-            (site.folder / FAILURE).unlink(missing_ok=True)
+            (plan.folder / FAILURE).unlink(missing_ok=True)
         else:
-            write_json(site.folder / FAILURE, {"error": outcome.error, "config_sha256": site.config_sha256})
-        self.states[name] = site.state
+            write_json(plan.folder / FAILURE, {"error": outcome.error, "config_sha256": plan.config_sha256})
+        self.states[name] = plan.state
         for message in set(outcome.warnings) - self._told:
             self.watcher.warned(message)
         self._told.update(outcome.warnings)
-        self.watcher.ended(self.states[name], len(self.sites) - len(self.left), len(self.sites))
+        self.watcher.ended(self.states[name], len(self.plans) - len(self.left), len(self.plans))
         if time.monotonic() - self._written > _WRITE_EVERY:
             self.write()
 
@@ -237,7 +239,7 @@ def _give_back(store: Store, cache: Cache) -> None:
     for key in store.stored_keys():
         if not cache.store.path("results", key).exists():
             with suppress(PipelineError, OSError):
-                cache.take(key, store)
+                cache.publish(key, store)
 
 
 def _write_text(text: str, stream: BinaryIO) -> None:

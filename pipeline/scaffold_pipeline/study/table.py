@@ -53,7 +53,7 @@ def read_state(name: str, varied: Mapping[str, object], folder: Path, config_sha
     """Return what the point's folder says of the configuration with that hash."""
     record = read_json(folder / RECORD)
     if record.get("config_sha256") == config_sha256 and _has_files(folder, record):
-        return PointState(name, varied, "done", None, _kept(record), read_json(folder / METRICS))
+        return PointState(name, varied, "done", None, _record_payload(record), read_json(folder / METRICS))
     failure = read_json(folder / FAILURE)
     if failure.get("config_sha256") == config_sha256:
         return PointState(name, varied, "failed", str(failure.get("error")))
@@ -79,7 +79,7 @@ def write_results(out: Path, columns: Sequence[str], states: Iterable[PointState
     states = list(states)
     text = _csv(columns, states)
     write_atomically(out / TABLE, lambda stream: stream.write(text.encode()))
-    write_json(out / STUDY_RECORD, {**facts, "points": [_told(state) for state in states]})
+    write_json(out / STUDY_RECORD, {**facts, "points": [_state_payload(state) for state in states]})
 
 
 def to_table(columns: Sequence[str], states: Sequence[PointState]) -> tuple[list[str], list[list[object]]]:
@@ -113,12 +113,12 @@ def to_cell(value: object) -> str:
     return json.dumps(value, ensure_ascii=False) if isinstance(value, list | dict) else str(value)
 
 
-def _told(state: PointState) -> dict[str, Any]:
+def _state_payload(state: PointState) -> dict[str, Any]:
     ends = {"status": state.status, "error": state.error, "quality": state.metrics.get("quality")}
     return {"name": state.name, "varied": dict(state.varied), **ends, **state.record}
 
 
-def _kept(record: Mapping[str, Any]) -> dict[str, Any]:
+def _record_payload(record: Mapping[str, Any]) -> dict[str, Any]:
     """Return what `study.json` holds of a point's record."""
     facts = ("key", "output", "seconds", "reused")
     stages = {stage["label"]: {fact: stage[fact] for fact in facts} for stage in record["stages"]}

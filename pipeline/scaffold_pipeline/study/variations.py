@@ -10,7 +10,7 @@ from fractions import Fraction
 from itertools import product
 from pathlib import Path as FilePath
 
-from scaffold_pipeline.config.draft import Setting, shown
+from scaffold_pipeline.config.draft import Setting, format_value
 from scaffold_pipeline.config.yaml_source import Document, Path
 from scaffold_pipeline.errors import Fault
 
@@ -53,12 +53,12 @@ def read_variations(document: Document, mode: str) -> Variations | list[Fault]:
         return _from_list(document, entry)
     if not isinstance(entry, dict) or not entry:
         rule = "vary: must map parameters to values, such as `isosurface.porosity: [0.5, 0.6]`"
-        return [document.fault(("vary",), f"{rule}, got {shown(entry)}")]
+        return [document.fault(("vary",), f"{rule}, got {format_value(entry)}")]
     found = [_read_axis(document, str(target), values) for target, values in entry.items()]
     axes = [axis for axis in found if isinstance(axis, Axis)]
     faults = [fault for fault in found if isinstance(fault, Fault)]
     faults += _length_faults(document, axes) if mode == "zip" else []
-    return faults or _combined(document, axes, mode)
+    return faults or _combine(document, axes, mode)
 
 
 def setting(document: Document, path: Path, target: str, value: object = None) -> Setting:
@@ -66,7 +66,7 @@ def setting(document: Document, path: Path, target: str, value: object = None) -
     return Setting(target, value, document.fault(path, ""), FilePath(document.source).parent)
 
 
-def _combined(document: Document, axes: list[Axis], mode: str) -> Variations:
+def _combine(document: Document, axes: list[Axis], mode: str) -> Variations:
     counts = [axis.count for axis in axes]
 
     def combinations() -> Iterator[tuple[Setting, ...]]:
@@ -95,9 +95,9 @@ def _length_faults(document: Document, axes: list[Axis]) -> list[Fault]:
 def _from_list(document: Document, entry: object) -> Variations | list[Fault]:
     if not isinstance(entry, list) or not entry:
         rule = "vary: with `mode: list` it must be a list of mappings, such as `- {isosurface.porosity: 0.5}`"
-        return [document.fault(("vary",), f"{rule}, got {shown(entry)}")]
+        return [document.fault(("vary",), f"{rule}, got {format_value(entry)}")]
     faults = [
-        document.fault(("vary", index), f"vary.{index}: must map parameters to values, got {shown(point)}")
+        document.fault(("vary", index), f"vary.{index}: must map parameters to values, got {format_value(point)}")
         for index, point in enumerate(entry)
         if not isinstance(point, dict) or not point
     ]
@@ -122,12 +122,12 @@ def _read_axis(document: Document, target: str, entry: object) -> Axis | Fault:
     makers = {"range": _range, "linspace": _linspace}
     word = next(iter(entry), None) if isinstance(entry, dict) and len(entry) == 1 else None
     if not isinstance(entry, dict) or word not in makers:
-        return document.fault(path, f"{target}: must be {_FORMS}, got {shown(entry)}")
+        return document.fault(path, f"{target}: must be {_FORMS}, got {format_value(entry)}")
     numbers = entry[word]
     try:
         count, value = makers[word](*_three_numbers(numbers))
     except ValueError as error:
-        return document.fault((*path, word), f"{target}: {word}: {error}, got {shown(numbers)}")
+        return document.fault((*path, word), f"{target}: {word}: {error}, got {format_value(numbers)}")
     return Axis(target, count, value, lambda _: (*path, word))
 
 

@@ -25,7 +25,7 @@ _is_worker = False
 
 
 @dataclass(frozen=True)
-class Crew:
+class WorkerPool:
     """Who works on points: so many at once at most, in so many bytes of memory, in executors that `start` makes."""
 
     size: int
@@ -33,10 +33,10 @@ class Crew:
     start: Callable[[], AbstractContextManager[Executor]]
 
 
-def local_crew(most: int, count: int | None = None) -> Crew:
+def local_pool(most: int, count: int | None = None) -> WorkerPool:
     """Return `count` processes of this machine; by default one a core, `most` at most."""
     size = max(1, count or min(core_count(), most))
-    return Crew(size, available_memory(), partial(local_workers, size))
+    return WorkerPool(size, available_memory(), partial(local_workers, size))
 
 
 @contextmanager

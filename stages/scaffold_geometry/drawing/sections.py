@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_geometry.drawing.renders import round_length
-from scaffold_geometry.surfaces.booleans import to_body
+from scaffold_geometry.surfaces.booleans import to_manifold
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,7 +29,7 @@ _MARGIN, _FOOT, _LEAST_WIDTH = 0.03, 0.11, 0.45
 _BAR_SHARE = 0.2
 
 
-def simplified(vertices: Floats, faces: Ints, *, triangles: int) -> dict[str, NDArray[np.generic]]:
+def simplify_surface(vertices: Floats, faces: Ints, *, triangles: int) -> dict[str, NDArray[np.generic]]:
     """Return a surface of about so many triangles at most, by quadric collapse: `vertices` float32, `faces` int32.
 
     M. Garland, P. Heckbert, "Surface simplification using quadric error metrics", SIGGRAPH 1997. Fewer it leaves alone.
@@ -57,7 +57,7 @@ def sections(vertices: Floats, faces: Ints, *, x: float, y: float, z: float) -> 
     `points_x` (n, 2) mm are those of all rings at `x`, one ring after the other, in the axes that `ACROSS` names;
     `sizes_x` (k,) are the lengths of the rings.
     """
-    body = to_body(vertices, faces, "section")
+    body = to_manifold(vertices, faces, "section")
     answer: dict[str, NDArray[np.generic]] = {}
     for axis, place in zip(AXES, (x, y, z), strict=True):
         rings = [np.array(ring) for ring in body.rotate(_TURNS[axis]).slice(place).to_polygons()]

@@ -56,7 +56,7 @@ def extremes_of(
         around[part] = values[:, _SAMPLES:].reshape(-1, *shape).max(axis=(1, 3))
     closest = np.sort(np.argsort(-along, kind="stable")[:_REFINED])
     a, step, precisely_at = starts[closest], steps[closest], precisely_at or at
-    along[closest] = _refined(lambda t: sign * precisely_at(a + t[:, None] * step), best[closest])
+    along[closest] = _refine_maxima(lambda t: sign * precisely_at(a + t[:, None] * step), best[closest])
     return sign * along, sign * around
 
 
@@ -82,7 +82,7 @@ def _fill_points(starts: Floats, steps: Floats, shares: Floats, right: Floats, u
                 points[n, k, axis] = starts[n, axis] + shares[k] * steps[n, axis] + right[k] * u[axis] + up[k] * v[axis]
 
 
-def _refined(value_at: Callable[[Floats], Floats], place: Floats) -> Floats:
+def _refine_maxima(value_at: Callable[[Floats], Floats], place: Floats) -> Floats:
     """Return the greatest value found about each place, 0..1, the interval narrowed always in its longer part."""
     reach = 1.0 / (_SAMPLES - 1)
     low, high = np.maximum(place - reach, 0.0), np.minimum(place + reach, 1.0)

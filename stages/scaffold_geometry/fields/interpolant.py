@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_geometry.fields.interpolant_sums import fill_points, fill_rows
-from scaffold_geometry.fields.radial_bases import BASES, basis_value, scale_of, shift_of
+from scaffold_geometry.fields.radial_bases import BASES, radial_basis, scale_of, shift_of
 from scaffold_geometry.fields.segment_distances import (
-    READINGS,
+    DISTANCE_DEFINITIONS,
     frames_of,
     squared_point_point,
     squared_point_segment,
@@ -106,7 +106,7 @@ def with_edges(skeleton: Skeleton, elements: Elements, values: Floats) -> tuple[
     return Elements(elements.points, starts, ends), np.concatenate([values, np.ones(len(struts))])
 
 
-def memory_needed(unknowns: int) -> int:
+def estimate_memory(unknowns: int) -> int:
     """Return the bytes that `assemble` and `solve` need at most for so many unknowns."""
     return (_MATRICES_AT_ONCE * unknowns + _VECTORS_AT_ONCE) * unknowns * np.dtype(np.float64).itemsize
 
@@ -123,14 +123,14 @@ def expected_negative_eigenvalues(basis: str, points: int, segments: int) -> int
     return None if segments else {"gaussian": 0, "multiquadric": points - 1}.get(basis)
 
 
-def assemble(elements: Elements, basis: str, reading: str, c: float) -> Floats:
+def assemble(elements: Elements, basis: str, distance_definition: str, c: float) -> Floats:
     """Return the symmetric matrix A_ij = phi(d_ij), (n, n), n = `elements.unknowns`.
 
-    `basis` is a name of `BASES`, `reading` one of `READINGS` and `c` the shape parameter, a length in mm (1/mm
-    for the Gaussian).
+    `basis` is a name of `BASES`, `distance_definition` one of `DISTANCE_DEFINITIONS` and `c` the shape parameter, a
+    length in mm (1/mm for the Gaussian).
     """
     matrix = np.empty((elements.unknowns, elements.unknowns))
-    _fill(*_coordinates(elements), BASES[basis], READINGS[reading], c, matrix)
+    _fill(*_coordinates(elements), BASES[basis], DISTANCE_DEFINITIONS[distance_definition], c, matrix)
     return matrix
 
 
@@ -217,21 +217,23 @@ def _least_squares(matrix: Floats, values: Floats) -> tuple[Floats, int, int]:
 
 
 @parallel_kernel
-def _fill(points: Floats, starts: Floats, ends: Floats, basis: int, reading: int, c: float, matrix: Floats) -> None:
+def _fill(
+    points: Floats, starts: Floats, ends: Floats, basis: int, distance_definition: int, c: float, matrix: Floats
+) -> None:
     """Fill `matrix` (n, n): each pair once, for both of its places, so that it is symmetric to the bit.
 
     Row i has n - i pairs: rows i and n - 1 - i are done together, so that threads get equal shares.
     """
     count = len(matrix)
     for i in prange((count + 1) // 2):
-        _fill_row(i, points, starts, ends, basis, reading, c, matrix)
+        _fill_row(i, points, starts, ends, basis, distance_definition, c, matrix)
         if count - 1 - i > i:
-            _fill_row(count - 1 - i, points, starts, ends, basis, reading, c, matrix)
+            _fill_row(count - 1 - i, points, starts, ends, basis, distance_definition, c, matrix)
 
 
 @kernel
 def _fill_row(
-    i: int, points: Floats, starts: Floats, ends: Floats, basis: int, reading: int, c: float, matrix: Floats
+    i: int, points: Floats, starts: Floats, ends: Floats, basis: int, distance_definition: int, c: float, matrix: Floats
 ) -> None:
     """Fill row i of `matrix` from its diagonal, and column i with it; coordinates are (3, p) and (3, h)."""
     (px, py, pz), (ax, ay, az), (bx, by, bz) = points, starts, ends
@@ -245,8 +247,8 @@ def _fill_row(
             squared = squared_point_segment(px[i], py[i], pz[i], ax[m], ay[m], az[m], bx[m], by[m], bz[m])
         else:
             squared = squared_segment_segment(
-                reading,
+                distance_definition,
                 ax[k], ay[k], az[k], bx[k], by[k], bz[k],
                 ax[m], ay[m], az[m], bx[m], by[m], bz[m],
             )  # fmt: skip
-        matrix[i, j] = matrix[j, i] = basis_value(basis, squared, c)
+        matrix[i, j] = matrix[j, i] = radial_basis(basis, squared, c)

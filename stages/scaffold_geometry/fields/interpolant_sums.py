@@ -56,7 +56,7 @@ def fill_rows(
         places = np.flatnonzero(near[i, j])
         across = np.empty((3, len(weights)))
         _look_across(xs[i], ys[j], points, frames, shift, across)
-        scratch = _aligned(2 * LANES)
+        scratch = _allocate_aligned(2 * LANES)
         for low in range(0, len(places), LANES):
             for lane in range(LANES):
                 scratch[lane] = zs[places[min(low + lane, len(places) - 1)]]
@@ -72,7 +72,7 @@ def fill_points(
 ) -> None:  # fmt: skip
     """Put s at the points `xyz` (3, n) into `values` (n,); the rest as in `fill_rows`."""
     for number in prange((len(values) + _AT_ONCE - 1) // _AT_ONCE):
-        scratch = _aligned(4 * LANES)
+        scratch = _allocate_aligned(4 * LANES)
         high = min((number + 1) * _AT_ONCE, len(values))
         for low in range(number * _AT_ONCE, high, LANES):
             for axis in range(3):
@@ -84,7 +84,7 @@ def fill_points(
 
 
 @kernel
-def _aligned(count: int) -> Floats:
+def _allocate_aligned(count: int) -> Floats:
     """Return an array (count,) that starts at a cache line."""
     room = np.empty(count + _CACHE_LINE // 8)
     first = -room.ctypes.data % _CACHE_LINE // 8

@@ -36,7 +36,7 @@ _USUAL = 2.0
 
 @dataclass(frozen=True)
 class Method:
-    """How elements are interpolated: the basis and its c, the reading of the distance between two segments.
+    """How elements are interpolated: the basis and its c, the definition of the distance between two segments.
 
     `name` is what it is called in messages, `remedy` what to use where it fails.
     """
@@ -45,10 +45,10 @@ class Method:
     remedy: str
     basis: Basis
     c: float
-    reading: str = "endpoint-to-segment"
+    distance_definition: str = "endpoint-to-segment"
 
 
-def interpolated(elements: Elements, targets: Floats, method: Method) -> MeshField:
+def interpolate(elements: Elements, targets: Floats, method: Method) -> MeshField:
     """Return the field that takes the values `targets` (n,) on the elements; raises `StageError` where n is too many.
 
     Where there is no such field, it is the least-squares one of least norm, and its judge says so.
@@ -56,7 +56,7 @@ def interpolated(elements: Elements, targets: Floats, method: Method) -> MeshFie
     from scaffold_geometry.fields import interpolant
 
     _require_memory(elements.unknowns, method)
-    matrix = interpolant.assemble(elements, method.basis, method.reading, method.c)
+    matrix = interpolant.assemble(elements, method.basis, method.distance_definition, method.c)
     expected = interpolant.expected_negative_eigenvalues(method.basis, len(elements.points), len(elements.starts))
     solution = interpolant.solve(matrix, targets, expected)
 
@@ -86,9 +86,9 @@ def _facts(solution: Solution) -> dict[str, Fact]:
 
 
 def _require_memory(unknowns: int, method: Method) -> None:
-    from scaffold_geometry.fields.interpolant import memory_needed
+    from scaffold_geometry.fields.interpolant import estimate_memory
 
-    needed, there = memory_needed(unknowns), available_memory()
+    needed, there = estimate_memory(unknowns), available_memory()
     if needed > there or unknowns > MOST_UNKNOWNS:
         raise StageError(
             f"{method.name} has {unknowns} unknowns here, which need {needed / 2**30:.1f} GiB "

@@ -36,7 +36,7 @@ class MeshField:
     judge: Callable[[float], None] | None = None
 
 
-def sampled_field(
+def sample_mesh_field(
     mesh: CellMesh, outer: OuterShape | None, params: SamplingParams, field_of: Callable[[Skeleton], MeshField]
 ) -> ScalarField:
     """Return the field that `field_of` makes of the mesh's skeleton, on voxels over the outer shape, certified.

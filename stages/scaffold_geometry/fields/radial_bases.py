@@ -129,7 +129,7 @@ def thin_plate_spline(squared: float) -> float:
 
 
 @kernel(inline=True)
-def basis_value(basis: int, squared: float, c: float) -> float:
+def radial_basis(basis: int, squared: float, c: float) -> float:
     """Return phi(r) for the basis function of number `basis` (see `BASES`)."""
     if basis == GAUSSIAN:
         return gaussian(squared, c)

@@ -10,7 +10,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from scaffold_geometry.voxels.grids import Bools, grid_over, grown, samples_inside
+from scaffold_geometry.voxels.grids import Bools, dilate, grid_over, samples_inside
 from scaffold_pipeline.artifacts import Floats, OuterShape
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.memory import available_memory
@@ -83,7 +83,7 @@ def voxels_over(outer: OuterShape, params: SamplingParams, plane: float | None =
     inside = samples_inside(outer.vertices, outer.faces, origin, spacing, shape)
     if not inside.any():
         raise StageError(f"voxel_size {spacing:g} mm: no sample lies inside the outer shape; use a smaller one")
-    return Voxels(origin, spacing, inside, near=grown(inside, 2))
+    return Voxels(origin, spacing, inside, near=dilate(inside, 2))
 
 
 def _grid(bounds: Floats, params: SamplingParams, plane: float | None) -> tuple[Floats, float, tuple[int, int, int]]:
@@ -109,11 +109,11 @@ def _grid(bounds: Floats, params: SamplingParams, plane: float | None) -> tuple[
 
 
 def _require_memory(bounds: Floats, spacing: float) -> None:
-    needed, there = _memory_needed(bounds, spacing), available_memory()
+    needed, there = _estimate_memory(bounds, spacing), available_memory()
     if needed <= there:
         return
     fitting = spacing
-    while _memory_needed(bounds, fitting) > there and fitting < np.ptp(bounds, axis=0).max():
+    while _estimate_memory(bounds, fitting) > there and fitting < np.ptp(bounds, axis=0).max():
         fitting = float(f"{1.1 * fitting:.2g}")
     raise StageError(
         f"voxel_size {spacing:g} mm: the grid needs {needed / 2**30:.1f} GiB, but {there / 2**30:.1f} GiB are free; "
@@ -121,7 +121,7 @@ def _require_memory(bounds: Floats, spacing: float) -> None:
     )
 
 
-def _memory_needed(bounds: Floats, spacing: float) -> float:
+def _estimate_memory(bounds: Floats, spacing: float) -> float:
     """Return the bytes that a grid over `bounds` (2, 3) needs; its axes have at most so many samples."""
     counts: list[float] = (np.ptp(bounds, axis=0) / spacing + 2 * MARGIN + 2).tolist()
     return math.prod(counts) * BYTES_PER_VOXEL

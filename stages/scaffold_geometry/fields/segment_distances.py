@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 
 ENDPOINT, ENDPOINT_TO_SEGMENT, EXACT = range(3)
 
-READINGS = {"endpoint": ENDPOINT, "endpoint-to-segment": ENDPOINT_TO_SEGMENT, "exact": EXACT}
+DISTANCE_DEFINITIONS = {"endpoint": ENDPOINT, "endpoint-to-segment": ENDPOINT_TO_SEGMENT, "exact": EXACT}
 """What "the distance of two segments" is read as, and its number in kernels."""
 
 
@@ -124,13 +124,13 @@ def squared_exact(
 
 @kernel(inline=True)
 def squared_segment_segment(
-    reading: int,
+    distance_definition: int,
     ax: float, ay: float, az: float, bx: float, by: float, bz: float,
     cx: float, cy: float, cz: float, dx: float, dy: float, dz: float,
 ) -> float:  # fmt: skip
-    """Return the squared distance of segments ab and cd by the reading of number `reading` (see `READINGS`)."""
-    if reading == ENDPOINT:
+    """Return the squared distance of segments ab and cd by one of the `DISTANCE_DEFINITIONS`."""
+    if distance_definition == ENDPOINT:
         return squared_endpoint(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz)
-    if reading == ENDPOINT_TO_SEGMENT:
+    if distance_definition == ENDPOINT_TO_SEGMENT:
         return squared_endpoint_to_segment(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz)
     return squared_exact(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz)

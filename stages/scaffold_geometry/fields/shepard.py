@@ -266,7 +266,7 @@ def _fill_points(
         box = boxes[number]
         near = members[offsets[box] : offsets[box + 1]]
         middle = np.searchsorted(near, struts)
-        solid, void = _gathered(table, near[:middle]), _gathered(table, near[middle:])
+        solid, void = _gather_columns(table, near[:middle]), _gather_columns(table, near[middle:])
         beyond, chosen = np.empty(len(near), table.dtype), np.empty(len(near), np.int64)
         xyz, sums = np.empty((3, _LANES), table.dtype), np.empty((2, _LANES), table.dtype)
         ours = _by_part(points, order[firsts[box] : firsts[box + 1]], origin, sizes)
@@ -283,7 +283,7 @@ def _fill_points(
 
 
 @kernel
-def _gathered(table: Floats, near: NDArray[np.int32]) -> Floats:
+def _gather_columns(table: Floats, near: NDArray[np.int32]) -> Floats:
     """Return the rows `near` of `table` as columns, (11, n): what stands side by side can be read as a vector."""
     columns = np.empty((table.shape[1], len(near)), table.dtype)
     for n in range(len(near)):

@@ -163,8 +163,8 @@ def _bricks_within(line: Line, distance: Any) -> Any:  # noqa: ANN401 - np.float
         left = furthest - n * n
         m, d = mx * x + (my * y + (mz * z + m0)), dx * x + (dy * y + (dz * z + d0))
         bit = np.uint32(1) << np.uint32(brick)
-        lower = np.uint32(lower | (bit if _squared(m, d, half) <= left else _NONE))
-        upper = np.uint32(upper | (bit if _squared(m + _HALF * mz, d + _HALF * dz, half) <= left else _NONE))
+        lower = np.uint32(lower | (bit if _squared_bound(m, d, half) <= left else _NONE))
+        upper = np.uint32(upper | (bit if _squared_bound(m + _HALF * mz, d + _HALF * dz, half) <= left else _NONE))
     return np.uint64(lower) | (np.uint64(upper) << np.uint64(_BRICKS // 2))
 
 
@@ -181,10 +181,10 @@ def _add_to_brick(
         n = nx * x + (ny * y + n0)
         a = n * n + shape
         m, d = mx * x + (my * y + (mz * z + m0)), dx * x + (dy * y + (dz * z + d0))
-        q0 = a + _squared(m, d, half)
-        q1 = a + _squared(m + mz, d + dz, half)
-        q2 = a + _squared(m + (mz + mz), d + (dz + dz), half)
-        q3 = a + _squared(m + (mz + mz + mz), d + (dz + dz + dz), half)
+        q0 = a + _squared_bound(m, d, half)
+        q1 = a + _squared_bound(m + mz, d + dz, half)
+        q2 = a + _squared_bound(m + (mz + mz), d + (dz + dz), half)
+        q3 = a + _squared_bound(m + (mz + mz + mz), d + (dz + dz + dz), half)
         low, high = q0 * q1, q2 * q3
         inverse = _ONE / (low * high)
         of_low, of_high = inverse * high, inverse * low
@@ -196,7 +196,7 @@ def _add_to_brick(
 
 
 @kernel(fastmath=FAST, inline=True)
-def _squared(m: float, d: float, half: float) -> float:
+def _squared_bound(m: float, d: float, half: float) -> float:
     """Return M^2 + max(|U| - h, 0)^2."""
     beyond: float = max(abs(d) - half, _ZERO)
     return m * m + beyond * beyond

@@ -22,7 +22,7 @@ VOXELS_AT_ONCE = 2**24
 """Voxels of a slab, about: seconds of work, and 80 MB that travel."""
 
 
-def filled(segments: Segments, voxels: Voxels, box: float, layers: slice = slice(None)) -> tuple[Singles, int]:
+def compute_slab(segments: Segments, voxels: Voxels, box: float, layers: slice = slice(None)) -> tuple[Singles, int]:
     """Return the field on the `layers` along x of `voxels`, -1 where no sample is near the outer shape.
 
     `box` is the edge of the boxes that segments are sorted into, in mean edge lengths. Beside it, how many samples
@@ -39,7 +39,7 @@ def filled(segments: Segments, voxels: Voxels, box: float, layers: slice = slice
 
 
 def in_slabs(segments: Segments, voxels: Voxels, box: float, executor: Executor) -> tuple[Singles, int]:
-    """Return what `filled` does, computed by `executor` in slabs."""
+    """Return what `compute_slab` does, computed by `executor` in slabs."""
     count, layer = voxels.inside.shape[0], voxels.inside[0].size
     thickness = TILE * max(round(VOXELS_AT_ONCE / (TILE * layer)), 1)
     slabs = [slice(start, min(start + thickness, count)) for start in range(0, count, thickness)]
@@ -64,7 +64,7 @@ def _slab(
     masks = [np.zeros((count, *inside.shape[1:]), bool) for _ in range(2)]
     for mask, part in zip(masks, (inside, near), strict=True):
         mask[slab] = part
-    return filled(segments, replace(bare, inside=masks[0], near=masks[1]), box, slab)
+    return compute_slab(segments, replace(bare, inside=masks[0], near=masks[1]), box, slab)
 
 
 def _active_tiles(near: Bools, size: int) -> NDArray[np.int64]:

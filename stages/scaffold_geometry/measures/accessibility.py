@@ -63,7 +63,7 @@ def accessibility(image: VoxelImage, reaches: Sequence[float] = REACHES) -> Acce
     return Accessibility(_diameters(values, image.spacing), shares, tuple(throats))
 
 
-def share_reached(found: Accessibility, diameters: Floats) -> Floats:
+def reachable_share(found: Accessibility, diameters: Floats) -> Floats:
     """Return the share of the pore volume that balls of `diameters` (k,) mm reach, (k,)."""
     index = np.searchsorted(found.diameters, np.asarray(diameters, np.float64) * (1.0 - 1e-9))
     return np.append(found.shares, 0.0)[index]

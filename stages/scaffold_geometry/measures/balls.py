@@ -41,19 +41,19 @@ def greatest_balls(squared: Singles) -> Singles:
     coarse, step = squared, 1
     while True:
         needed = np.empty(coarse.shape, bool)
-        mark_needed(coarse if step == 1 else np.floor(coarse), containment_table(TABLE_END), needed)
+        mark_maximal_balls(coarse if step == 1 else np.floor(coarse), containment_table(TABLE_END), needed)
         centres = np.flatnonzero(needed)
         values = coarse.ravel()[centres]
         if 4.0 / 3.0 * math.pi * float((values.astype(np.float64) ** 1.5).sum()) <= MOST_PAINTED:
             break
-        coarse, step = _halved(coarse), 2 * step
+        coarse, step = _halve_resolution(coarse), 2 * step
     greatest = coarse.copy()
     reaches = values if step == 1 else np.ceil((np.sqrt(values) + np.float32(math.sqrt(0.75))) ** 2)
     paint_balls(centres, reaches, values, greatest)
-    return greatest if step == 1 else _refined(greatest, step, squared)
+    return greatest if step == 1 else _refine_resolution(greatest, step, squared)
 
 
-def _halved(squared: Singles) -> Singles:
+def _halve_resolution(squared: Singles) -> Singles:
     """Return the greatest of each 2 x 2 x 2 voxels, in voxels twice as large."""
     even = np.pad(squared, [(0, count % 2) for count in squared.shape])
     for axis in range(3):
@@ -62,7 +62,7 @@ def _halved(squared: Singles) -> Singles:
     return np.ascontiguousarray(even / np.float32(4.0))
 
 
-def _refined(greatest: Singles, step: int, squared: Singles) -> Singles:
+def _refine_resolution(greatest: Singles, step: int, squared: Singles) -> Singles:
     """Return the values of voxels `step` times as large, where there are balls, on the voxels themselves."""
     fine = squared.copy()
     for x in range(step):
@@ -98,7 +98,7 @@ def containment_table(end: int) -> Singles:
 
 
 @parallel_kernel
-def mark_needed(squared: Singles, table: Singles, needed: Bools) -> None:
+def mark_maximal_balls(squared: Singles, table: Singles, needed: Bools) -> None:
     """Tell at which voxels the ball of `squared` (nx, ny, nz) is in no neighbour's, nor in all of theirs together.
 
     0 is no ball. The balls that are left cover all that the others did, but for the other's middle, with balls at
@@ -108,11 +108,11 @@ def mark_needed(squared: Singles, table: Singles, needed: Bools) -> None:
     for i in prange(nx):
         for j in range(ny):
             for k in range(nz):
-                needed[i, j, k] = squared[i, j, k] > 0.0 and _is_needed(squared, table, i, j, k)
+                needed[i, j, k] = squared[i, j, k] > 0.0 and _is_maximal(squared, table, i, j, k)
 
 
 @kernel
-def _is_needed(squared: Singles, table: Singles, i: int, j: int, k: int) -> bool:
+def _is_maximal(squared: Singles, table: Singles, i: int, j: int, k: int) -> bool:
     nx, ny, nz = squared.shape
     own = squared[i, j, k]
     is_amid = True

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.measures.accessibility import Accessibility, accessibility, share_reached
+from scaffold_geometry.measures.accessibility import Accessibility, accessibility, reachable_share
 from scaffold_geometry.measures.facts import to_place
 from scaffold_geometry.measures.local_thickness import (
     LEAST_RESOLVED,
@@ -84,7 +84,7 @@ def morphometry(
     else what cannot be told is None, with a `PipelineWarning`. `probes` are diameters, mm, whose share of the pore
     space is told; `at` (n, 3) mm are the points whose strut thickness is.
     """
-    phases = _resolved(solid, outer, spacing, may_refine=may_refine)
+    phases = _resolve_phases(solid, outer, spacing, may_refine=may_refine)
     image = phases.image
     ways = accessibility(image)
     values: dict[str, Fact] = {"measure_voxel_size": image.spacing}
@@ -101,7 +101,7 @@ def morphometry(
     return Morphometry(values | _ways_facts(ways, probes), tuple(histograms), tuple(_curves(ways)), at_points, image)
 
 
-def _resolved(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float, *, may_refine: bool) -> _Phases:
+def _resolve_phases(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float, *, may_refine: bool) -> _Phases:
     """Return the phases on voxels of `spacing`, or as much finer as they have to be for both."""
     finest = finest_spacing(outer.bounds, MOST_VOXELS)
     spacing = max(spacing, finest)
@@ -147,7 +147,7 @@ def _ways_facts(ways: Accessibility, probes: Sequence[float]) -> dict[str, Fact]
     for throat in ways.throats:
         name = f"throat_{100 * throat.share:g}"
         values |= {name: throat.diameter, f"{name}_at": None if throat.place is None else to_place(throat.place)}
-    for probe, share in zip(probes, share_reached(ways, np.array(probes, float)).tolist(), strict=True):
+    for probe, share in zip(probes, reachable_share(ways, np.array(probes, float)).tolist(), strict=True):
         values[f"accessible_to_{probe:g}_mm"] = share
     return values
 

@@ -36,9 +36,9 @@ def thinnest_strut(
     """
     ends = skeleton.vertices[skeleton.edges]
     points = _along(ends[:, 0], ends[:, 1])
-    within = np.flatnonzero(_signed(points, *outer)[0] < 0.0)
-    depths, walls = _signed(points[within], *solid)
-    of_pores = np.abs(_signed(walls, *outer)[0]) > on_outer
+    within = np.flatnonzero(_signed_distance(points, *outer)[0] < 0.0)
+    depths, walls = _signed_distance(points[within], *solid)
+    of_pores = np.abs(_signed_distance(walls, *outer)[0]) > on_outer
     radii = np.full(len(points), np.inf)
     radii[within[of_pores]] = -depths[of_pores]
     return _narrowest(radii, points)
@@ -52,10 +52,10 @@ def narrowest_throat(
     Under a `skin`, mm, points less deep in the `outer` shape do not count, nor do channels that would leave the mesh.
     """
     points = _along(skeleton.channel_starts, skeleton.channel_ends)
-    radii, _ = _signed(points, *solid)
+    radii, _ = _signed_distance(points, *solid)
     if skin > 0.0:
         leaves = np.bincount(skeleton.channel_faces)[skeleton.channel_faces] == 1
-        is_in_skin = _signed(points, *outer)[0] > -skin
+        is_in_skin = _signed_distance(points, *outer)[0] > -skin
         radii = np.where(is_in_skin | np.repeat(leaves, _SAMPLES), np.inf, radii)
     return _narrowest(radii, points)
 
@@ -74,7 +74,7 @@ def _along(starts: Floats, ends: Floats) -> Floats:
     return (starts[:, None] + shares * (ends - starts)[:, None]).reshape(-1, 3)
 
 
-def _signed(points: Floats, vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
+def _signed_distance(points: Floats, vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
     """Return the distance of `points` (n, 3) from a closed surface, negative inside, (n,), and where it is nearest.
 
     The sign is that of the angle-weighted normal there: Baerentzen, Aanaes (2005), exact on a closed manifold.

@@ -70,7 +70,7 @@ def transport(image: VoxelImage, most_cells: int = 1_000_000) -> Transport | Non
         return None
     pores = image.phases[tuple(slice(*ends) for ends in zip(box.first, box.end, strict=True))] == PORE
     factor = _factor(int(np.count_nonzero(pores)), most_cells, int(box.sides.min()))
-    box = _trimmed(box, 2 * factor)
+    box = _trim_box(box, 2 * factor)
     pores = pores[tuple(slice(side) for side in box.sides)]
     axes = diffusion_through(pores, factor)
     return Transport(box.bounds(image), box.share, factor * image.spacing, *axes)
@@ -84,7 +84,7 @@ def _factor(voxels: int, most_cells: int, shortest: int) -> int:
     return factor
 
 
-def _trimmed(box: InscribedBox, multiple: int) -> InscribedBox:
+def _trim_box(box: InscribedBox, multiple: int) -> InscribedBox:
     """Return the box with sides that are a multiple of some voxels, the last layers left off."""
     sides = box.sides - box.sides % multiple
     share = box.share * float(np.prod(sides) / np.prod(box.sides))

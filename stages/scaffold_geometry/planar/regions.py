@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.surfaces.booleans import to_body
+from scaffold_geometry.surfaces.booleans import to_manifold
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -83,7 +83,7 @@ def outline_of(vertices: Floats, cells: dict[str, Ints]) -> Region:
 
 def section_at(vertices: Floats, faces: Ints, z: float) -> Region:
     """Return the section of a closed, outward surface, (n, 3) and (m, 3), with the plane at `z` mm."""
-    return to_body(vertices, faces, "outer shape").slice(z)
+    return to_manifold(vertices, faces, "outer shape").slice(z)
 
 
 def fill(rings: Sequence[Floats], shape: tuple[int, int]) -> Bools:

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_geometry.surfaces.triangles import drop_unreferenced, piece_volumes, winding_number
-from scaffold_geometry.voxels.offset import inward_offset
+from scaffold_geometry.voxels.offset import offset_inward
 from scaffold_pipeline.errors import StageError
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Mask = NDArray[np.bool_]
-Body = Any
+Manifold = Any
 """A `manifold3d.Manifold`, which has no type information."""
 
 
@@ -64,7 +64,7 @@ class MainPiece:
         return int(self.is_kept.sum()) - 1
 
 
-def to_body(vertices: Floats, faces: Ints, about: str) -> Body:
+def to_manifold(vertices: Floats, faces: Ints, about: str) -> Manifold:
     """Return the body within a closed, outward surface; raises `StageError` naming `about` where it is none."""
     import manifold3d
 
@@ -74,13 +74,13 @@ def to_body(vertices: Floats, faces: Ints, about: str) -> Body:
     return body
 
 
-def from_body(body: Body) -> tuple[Floats, Ints]:
+def from_manifold(body: Manifold) -> tuple[Floats, Ints]:
     """Return vertices (n, 3) and faces (m, 3) of a body."""
     mesh = body.to_mesh64()
     return np.array(mesh.vert_properties[:, :3], np.float64), np.array(mesh.tri_verts, np.int64)
 
 
-def distance_from(original: Body, body: Body, is_counted: Mask, surface: tuple[Floats, Ints]) -> float:
+def distance_from(original: Manifold, body: Manifold, is_counted: Mask, surface: tuple[Floats, Ints]) -> float:
     """Return how far what `body` has of an `original` lies from its surface at most, mm, rounded to single precision.
 
     `is_counted` (m,) tells which faces of `body` are asked about; `surface` is the original's, (n, 3) and (k, 3).
@@ -98,7 +98,7 @@ def distance_from(original: Body, body: Body, is_counted: Mask, surface: tuple[F
     return float(np.sqrt(squared.max()))
 
 
-def shells_of(body: Body) -> Shells:
+def split_shells(body: Manifold) -> Shells:
     """Split a body into its shells.
 
     By labelling, as manifold3d's own decomposition takes the square of their number: 110 s for 176 shells of 2.3
@@ -107,7 +107,7 @@ def shells_of(body: Body) -> Shells:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    vertices, faces = from_body(body)
+    vertices, faces = from_manifold(body)
     if not len(faces):
         return Shells(vertices, faces, np.empty(0, np.int64), np.empty(0))
     tails, heads = faces[:, :2].ravel(), faces[:, 1:].ravel()
@@ -117,7 +117,7 @@ def shells_of(body: Body) -> Shells:
     return Shells(vertices, faces, numbers, piece_volumes(vertices, faces, numbers))
 
 
-def main_piece(shells: Shells, least_cavity: float) -> MainPiece:
+def find_main_piece(shells: Shells, least_cavity: float) -> MainPiece:
     """Return the piece that encloses most, its cavities below `least_cavity` mm^3 filled; there must be a piece."""
     is_floating = shells.volumes > 0.0
     is_floating[shells.greatest] = False
@@ -169,28 +169,28 @@ def pore_volumes(void: Shells, kept: MainPiece, outer_volume: float) -> Floats:
     return volumes
 
 
-def clipped(porous: Body, outer: Body, inner: Body | None) -> tuple[Body, Body]:
+def clip_to_outer(porous: Manifold, outer: Manifold, inner: Manifold | None) -> tuple[Manifold, Manifold]:
     """Return solid and pore space within `outer`; what lies outside `inner` (a core, or None for all) is solid."""
     void = (inner if inner is not None else outer) - porous
     return (outer - void if inner is not None else outer ^ porous), void
 
 
-def core_under(vertices: Floats, faces: Ints, skin: float) -> Body | None:
+def offset_core(vertices: Floats, faces: Ints, skin: float) -> Manifold | None:
     """Return what of a closed shape lies deeper than `skin` mm; None for no skin, `StageError` where nothing does."""
     if skin == 0.0:
         return None
-    inner_vertices, inner_faces = inward_offset(vertices, faces, skin)
+    inner_vertices, inner_faces = offset_inward(vertices, faces, skin)
     if not len(inner_faces):
         raise StageError(f"skin {skin:g} mm: the outer shape is nowhere so thick, and no pore would remain; lower skin")
-    return to_body(inner_vertices, inner_faces, f"inward offset by {skin:g} mm")
+    return to_manifold(inner_vertices, inner_faces, f"inward offset by {skin:g} mm")
 
 
-def simplified(body: Body, tolerance: float) -> Body:
+def simplify_manifold(body: Manifold, tolerance: float) -> Manifold:
     """Return the body with fewer triangles, none of its surface moved by more than about `tolerance` mm."""
     return body.simplify(tolerance)
 
 
-def _require_sound(body: Body, about: str) -> None:
+def _require_sound(body: Manifold, about: str) -> None:
     status = body.status().name
     if status != "NoError":
         raise StageError(f"{about}: is not a closed manifold surface ({status}); repair it first")

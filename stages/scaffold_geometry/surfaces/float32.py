@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scaffold_geometry.surfaces.booleans import from_body, simplified, to_body
+from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 from scaffold_geometry.surfaces.merge_corners import to_single
-from scaffold_geometry.surfaces.triangle_intersections import arealess_faces, crossing_faces
-from scaffold_geometry.surfaces.triangles import Floats, Ints, Mask, collapsed_faces
+from scaffold_geometry.surfaces.triangle_intersections import degenerate_faces, self_intersecting_faces
+from scaffold_geometry.surfaces.triangles import Floats, Ints, Mask, duplicate_vertex_faces
 from scaffold_pipeline.errors import StageError
 
 _ROUNDS = 12
@@ -35,23 +35,23 @@ class Rounded(NamedTuple):
     moved: float
 
 
-def in_single_precision(vertices: Floats, faces: Ints, about: str) -> Rounded:
+def snap_to_float32(vertices: Floats, faces: Ints, about: str) -> Rounded:
     """Return a closed mesh whose coordinates single precision holds exactly, and which does not touch itself.
 
     Raises `StageError` naming `about` where it cannot be had.
     """
     step = max(float(np.spacing(np.float32(np.abs(vertices).max()))), _FINEST_STEP)
     rounded = _in_steps(vertices, step)
-    if not _folded_vertices(rounded, faces).any():
+    if not _find_folded_vertices(rounded, faces).any():
         return Rounded(rounded, faces, float(np.abs(rounded - vertices).max()))
-    vertices, faces = from_body(simplified(to_body(vertices, faces, about), step))
+    vertices, faces = from_manifold(simplify_manifold(to_manifold(vertices, faces, about), step))
     places, reach = vertices.copy(), np.zeros(len(vertices))
     neighbours = _neighbour_weights(faces, len(vertices))
     for _ in range(_ROUNDS if len(faces) else 0):  # all may have collapsed
         rounded = _in_steps(places, step)
-        folded = np.flatnonzero(_folded_vertices(rounded, faces))
+        folded = np.flatnonzero(_find_folded_vertices(rounded, faces))
         if not len(folded):
-            to_body(rounded, faces, about)
+            to_manifold(rounded, faces, about)
             return Rounded(rounded, faces, step + float(np.abs(rounded - vertices).max()))
         reach[folded] += step
         way = neighbours[folded] @ places - places[folded]
@@ -67,16 +67,16 @@ def _in_steps(places: Floats, step: float) -> Floats:
     return to_single(np.round(places / step) * step).astype(np.float64)
 
 
-def _folded_vertices(vertices: Floats, faces: Ints) -> Mask:
+def _find_folded_vertices(vertices: Floats, faces: Ints) -> Mask:
     """Return which vertices share their place with another, or belong to a triangle that crosses another or is flat."""
     order = np.lexsort(vertices.T)
     is_new = np.concatenate([[True], (vertices[order[1:]] != vertices[order[:-1]]).any(axis=1)])
     place = np.empty(len(vertices), np.int64)
     place[order] = np.cumsum(is_new) - 1
     distinct, merged = vertices[order[is_new]], place[faces]
-    bad = collapsed_faces(merged)
-    bad[~bad] = crossing_faces(distinct, merged[~bad])
-    bad |= arealess_faces(distinct, merged)
+    bad = duplicate_vertex_faces(merged)
+    bad[~bad] = self_intersecting_faces(distinct, merged[~bad])
+    bad |= degenerate_faces(distinct, merged)
     folded: Mask = np.bincount(place)[place] > 1
     folded[faces[bad]] = True
     return folded

@@ -41,10 +41,10 @@ def to_single(coordinates: NDArray[np.floating]) -> Singles:
 def _keys(points: Singles) -> NDArray[np.uint64]:
     """Return a 64-bit key for each row, equal where the rows are: their bits, mixed."""
     x, y, z = np.ascontiguousarray(points).view(np.uint32).astype(np.uint64).T
-    return _mixed(_mixed(x | (y << np.uint64(32))) ^ z)
+    return _mix_bits(_mix_bits(x | (y << np.uint64(32))) ^ z)
 
 
-def _mixed(keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
+def _mix_bits(keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
     """Return splitmix64's finaliser of the keys: different keys stay different (Steele et al., 2014)."""
     keys = (keys ^ (keys >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     keys = (keys ^ (keys >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

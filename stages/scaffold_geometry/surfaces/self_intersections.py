@@ -8,7 +8,7 @@ from scaffold_geometry.surfaces.edges import Floats, Ints
 from scaffold_pipeline.processes.isolation import Arrays
 
 
-def crossing_faces(vertices: Floats, faces: Ints) -> Arrays:
+def find_self_intersections(vertices: Floats, faces: Ints) -> Arrays:
     """Return the `faces` (k,) that meet another elsewhere than in shared corners and edges; for a child process.
 
     CGAL's exact predicates by way of libigl: Q. Zhou, E. Grinspun, D. Zorin, A. Jacobson, "Mesh arrangements for solid

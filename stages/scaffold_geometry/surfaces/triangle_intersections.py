@@ -36,11 +36,11 @@ _ORIENT_2D = 3.4e-16
 floating-point arithmetic", 1997: (7 + 56 e) e and (3 + 16 e) e with e = 2^-53)."""
 
 
-def crossing_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mask:
+def self_intersecting_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mask:
     """Return which faces (m, 3) have more in common with another than the vertices and edge they share, (m,).
 
     `vertices` (n, 3) are distinct; what is finer than 2^-52 of the greatest coordinate is rounded off. Faces without
-    area are left out (see `arealess_faces`); their neighbours lie upon each other, and are found.
+    area are left out (see `degenerate_faces`); their neighbours lie upon each other, and are found.
     """
     if len(faces) < 2:  # noqa: PLR2004 - it takes two
         return np.zeros(len(faces), np.bool_)
@@ -53,7 +53,7 @@ def crossing_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -
     return crossing
 
 
-def arealess_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mask:
+def degenerate_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mask:
     """Return which faces (m, 3) have their corners on one line, (m,)."""
     return _flats(_whole_numbers(vertices), np.ascontiguousarray(faces, np.int64))
 

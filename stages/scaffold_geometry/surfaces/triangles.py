@@ -57,7 +57,7 @@ def drop_unreferenced(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return vertices[used], (np.cumsum(used) - 1)[faces]
 
 
-def collapsed_faces(faces: Ints) -> Mask:
+def duplicate_vertex_faces(faces: Ints) -> Mask:
     """Return which faces use a vertex twice, (m,)."""
     collapsed: Mask = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     return collapsed
@@ -73,7 +73,7 @@ def flat_faces(vertices: Floats, faces: Ints) -> Mask:
     return flat
 
 
-def repeated_faces(faces: Ints) -> Mask:
+def duplicate_faces(faces: Ints) -> Mask:
     """Return which faces have the same corners as an earlier one, however wound, (m,)."""
     corners = np.sort(faces, axis=1)
     order = np.lexsort(corners.T)

@@ -54,7 +54,7 @@ def chosen(cells: Cells, is_chosen: Mask) -> Cells:
     return {kind: corners[part] for (kind, corners), part in parts if part.any()}
 
 
-def without_unused(vertices: Floats, cells: Cells) -> tuple[Floats, Cells]:
+def drop_unused_vertices(vertices: Floats, cells: Cells) -> tuple[Floats, Cells]:
     """Return the mesh without the vertices that no cell uses."""
     used = np.zeros(len(vertices), dtype=bool)
     for corners in cells.values():
@@ -63,7 +63,7 @@ def without_unused(vertices: Floats, cells: Cells) -> tuple[Floats, Cells]:
     return vertices[used], {kind: places[corners] for kind, corners in cells.items()}
 
 
-def merged(vertices: Floats, cells: Cells, distance: float) -> Cells:
+def merge_vertices(vertices: Floats, cells: Cells, distance: float) -> Cells:
     """Return the cells with one vertex, the first, for all that are joined by steps of at most `distance`."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -83,18 +83,18 @@ def coincident(points: Floats, distance: float) -> int:
     return len(np.unique(cKDTree(points).query_pairs(distance, output_type="ndarray")))
 
 
-def collapsed(cells: Cells) -> Mask:
+def duplicate_vertex_cells(cells: Cells) -> Mask:
     """Return which cells use a vertex twice, (m,)."""
     rows = [np.sort(corners, axis=1) for corners in cells.values()]
     return np.concatenate([(row[:, 1:] == row[:, :-1]).any(axis=1) for row in rows])
 
 
-def crossed(vertices: Floats, cells: Cells) -> Mask:
+def self_crossing_cells(vertices: Floats, cells: Cells) -> Mask:
     """Return which cells have a quadrangle whose sides cross, (m,): it turns one way at two corners, back at two."""
-    return np.concatenate([_crossed_of_kind(vertices[corners], kind) for kind, corners in cells.items()])
+    return np.concatenate([_self_crossing_of_kind(vertices[corners], kind) for kind, corners in cells.items()])
 
 
-def _crossed_of_kind(corners: Floats, kind: str) -> Mask:
+def _self_crossing_of_kind(corners: Floats, kind: str) -> Mask:
     is_crossed = np.zeros(len(corners), dtype=bool)
     for face in CELL_TYPES[kind].faces:
         ring = corners[:, face]
@@ -105,9 +105,9 @@ def _crossed_of_kind(corners: Floats, kind: str) -> Mask:
     return is_crossed
 
 
-def repeated(cells: Cells) -> Mask:
+def duplicate_cells(cells: Cells) -> Mask:
     """Return which cells have the same corners as an earlier one of their kind, (m,)."""
-    return np.concatenate([triangles.repeated_faces(corners) for corners in cells.values()])
+    return np.concatenate([triangles.duplicate_faces(corners) for corners in cells.values()])
 
 
 def volumes(vertices: Floats, cells: Cells) -> Floats:
@@ -125,7 +125,7 @@ def flat(vertices: Floats, cells: Cells) -> Mask:
     return np.asarray(np.abs(volumes(vertices, cells)) <= least)
 
 
-def turned(vertices: Floats, cells: Cells) -> tuple[Cells, int]:
+def reorient_cells(vertices: Floats, cells: Cells) -> tuple[Cells, int]:
     """Return the cells with those of negative volume turned, and their number."""
     found, number = {}, 0
     for kind, corners in cells.items():
@@ -135,7 +135,7 @@ def turned(vertices: Floats, cells: Cells) -> tuple[Cells, int]:
     return found, number
 
 
-def folded(vertices: Floats, cells: Cells) -> int:
+def count_folded_cells(vertices: Floats, cells: Cells) -> int:
     """Return how many cells are folded though their volume is positive: not all of one is seen from its centre."""
     number = 0
     for kind, corners in cells.items():
@@ -152,7 +152,7 @@ def folded(vertices: Floats, cells: Cells) -> int:
 
 def faces(cells: Cells) -> Faces:
     """Return how the cells meet."""
-    triangle, quadrangle = (_met(*_faces_of(cells, width)) for width in (3, 4))
+    triangle, quadrangle = (_match_faces(*_faces_of(cells, width)) for width in (3, 4))
     return Faces(
         triangle.alone,
         quadrangle.alone,
@@ -174,7 +174,7 @@ def pieces(neighbours: Ints, number: int) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-class _Met(NamedTuple):
+class _FaceMatches(NamedTuple):
     alone: Ints
     cells: Ints
     neighbours: Ints
@@ -193,7 +193,7 @@ def _faces_of(cells: Cells, width: int) -> tuple[Ints, Ints]:
     return np.concatenate(found), np.concatenate(owners)
 
 
-def _met(corners: Ints, owners: Ints) -> _Met:
+def _match_faces(corners: Ints, owners: Ints) -> _FaceMatches:
     """Sort out faces (f, k) of cells `owners` (f,): of one cell, of two that agree, of two that do not, of more."""
     width = corners.shape[1]
     start = np.argmin(corners, axis=1, keepdims=True) if len(corners) else np.zeros((0, 1), np.int64)
@@ -208,4 +208,6 @@ def _met(corners: Ints, owners: Ints) -> _Met:
     agrees = (rolled[one][:, [0, *range(width - 1, 0, -1)]] == rolled[other]).all(axis=1)
     pairs = np.column_stack([owners[one], owners[other]])
     is_crowded = np.repeat(sizes > 2, sizes)  # noqa: PLR2004
-    return _Met(corners[alone], owners[alone], pairs[agrees], pairs[~agrees], np.unique(owners[order[is_crowded]]))
+    return _FaceMatches(
+        corners[alone], owners[alone], pairs[agrees], pairs[~agrees], np.unique(owners[order[is_crowded]])
+    )

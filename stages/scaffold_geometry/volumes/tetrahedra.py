@@ -80,11 +80,11 @@ def mesh_of(solid: Solid, edge: float | None, seconds: float) -> VolumeMesh:
     mesh = VolumeMesh(answer["vertices"] + centre, answer["cells"])
     require_solid(mesh, solid)
     _warn_of_other_topology(mesh, solid)
-    facts: dict[str, Fact] = {"target_edge": target, "envelope": envelope, **_measured(mesh, solid)}
+    facts: dict[str, Fact] = {"target_edge": target, "envelope": envelope, **_measure_quality(mesh, solid)}
     return VolumeMesh(mesh.vertices, mesh.tetrahedra, facts=facts)
 
 
-def _measured(mesh: VolumeMesh, solid: Solid) -> dict[str, Fact]:
+def _measure_quality(mesh: VolumeMesh, solid: Solid) -> dict[str, Fact]:
     from igl import point_mesh_squared_distance
 
     worst = quality(mesh)

@@ -57,7 +57,7 @@ def _poly_data(vertices: Floats, faces: Ints) -> object:
     return surface
 
 
-def grown(inside: Bools, steps: int) -> Bools:
+def dilate(inside: Bools, steps: int) -> Bools:
     """Return the samples within `steps` of `inside`, diagonal neighbours included."""
     result = inside.copy()
     for axis in range(inside.ndim):

@@ -13,7 +13,7 @@ _NUDGE = 1e-3
 sample equals the iso, triangles shrink to a point and the surface is no manifold."""
 
 
-def iso_surface(values: NDArray[np.float32], iso: float, origin: Floats, spacing: float) -> tuple[Floats, Ints]:
+def extract_iso_surface(values: NDArray[np.float32], iso: float, origin: Floats, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices (n, 3) mm and faces (m, 3) of the boundary of {values > iso}, closed where the grid ends.
 
     Flying edges (Schroeder, Maynard, Geveci, LDAV 2015), normals outward. Both arrays are empty where there is none.

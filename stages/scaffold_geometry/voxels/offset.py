@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.voxels.grids import grid_over, grown, samples_inside
-from scaffold_geometry.voxels.iso_surface import iso_surface
+from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
+from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -18,7 +18,7 @@ _FINEST, _COARSEST = 600.0, 100.0
 """Samples along the diagonal of a shape that is offset: at most, as they take some 2 GB, and at least."""
 
 
-def inward_offset(vertices: Floats, faces: Ints, depth: float) -> tuple[Floats, Ints]:
+def offset_inward(vertices: Floats, faces: Ints, depth: float) -> tuple[Floats, Ints]:
     """Return the surface `depth` mm inside a closed one: the exact distance, contoured on a grid.
 
     The grid's spacing is half the depth, or what is nearest to that of what its memory and its truth to the shape
@@ -33,8 +33,8 @@ def inward_offset(vertices: Floats, faces: Ints, depth: float) -> tuple[Floats, 
     origin, shape = grid_over(bounds, spacing, 2)
     inside = samples_inside(vertices, faces, origin, spacing, shape)
     depths = distance_transform_edt(inside).astype(np.float32) * np.float32(spacing)
-    near = np.argwhere((np.abs(depths - depth) < _BAND * spacing) & grown(inside, 1))
+    near = np.argwhere((np.abs(depths - depth) < _BAND * spacing) & dilate(inside, 1))
     squared, _, _ = igl.point_mesh_squared_distance(origin + spacing * near, vertices, faces)
     exact = np.sqrt(squared) * np.where(inside[tuple(near.T)], 1.0, -1.0)
     depths[tuple(near.T)] = exact
-    return iso_surface(depths, depth, origin, spacing)
+    return extract_iso_surface(depths, depth, origin, spacing)

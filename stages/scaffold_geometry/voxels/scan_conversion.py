@@ -40,7 +40,7 @@ def add_turns(vertices: Floats, faces: Ints, turns: NDArray[np.int8], sums: NDAr
         low = min(corner[0, 1], corner[1, 1], corner[2, 1])
         high = max(corner[0, 1], corner[1, 1], corner[2, 1])
         for row in range(max(math.ceil(low), 0), min(math.ceil(high), ny)):
-            _cut(corner, row, ends)
+            _intersect_row(corner, row, ends)
             rises, falls = ends[0, 0], ends[1, 0]
             sign = -1 if rises > falls else 1
             first, last = math.ceil(min(rises, falls)), math.ceil(max(rises, falls))
@@ -53,7 +53,7 @@ def add_turns(vertices: Floats, faces: Ints, turns: NDArray[np.int8], sums: NDAr
 
 
 @kernel(inline=True)
-def _cut(corner: Floats, row: int, ends: Floats) -> None:
+def _intersect_row(corner: Floats, row: int, ends: Floats) -> None:
     """Cut the two edges of a triangle that reach from at or below a row to above it."""
     for side in range(3):
         start, end = side, (side + 1) % 3

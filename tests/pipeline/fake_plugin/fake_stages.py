@@ -26,7 +26,7 @@ class Points(Artifact):
     places: Floats
 
     def __post_init__(self) -> None:
-        self._own("places", np.float64, (None, 3))
+        self.own_array("places", np.float64, (None, 3))
         super().__post_init__()
 
     def summary(self) -> dict[str, Fact]:

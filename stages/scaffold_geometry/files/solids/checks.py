@@ -21,7 +21,7 @@ _REMEDY = (
 
 
 @dataclass(frozen=True)
-class Promise:
+class ExpectedSolid:
     """What the solid in memory says that its file will hold; the volume in mm^3."""
 
     triangles: int
@@ -30,23 +30,23 @@ class Promise:
     closed_pores: int
 
 
-def promise_of(solid: Solid) -> Promise:
+def expect_solid(solid: Solid) -> ExpectedSolid:
     """Return what the solid has, and the closed pores that its maker counted, if any did."""
     volumes = piece_volumes(solid.vertices, solid.faces, face_pieces(solid.faces))
     told = solid.facts.get("closed_pores")
     closed_pores = told if isinstance(told, int) else int((volumes < 0.0).sum())
-    return Promise(len(solid.faces), solid.volume, int((volumes > 0.0).sum()), closed_pores)
+    return ExpectedSolid(len(solid.faces), solid.volume, int((volumes > 0.0).sum()), closed_pores)
 
 
 @dataclass
-class Examiner:
+class FileVerifier:
     """Checks what is read of the files against the mesh `written` in all, and against what the solid promised.
 
     What equals it to the bit has the same geometry, so that this is looked at in the first reading only.
     """
 
     written: Mesh
-    promise: Promise
+    expected: ExpectedSolid
     _volume: float | None = None
 
     def volume_of(self, mesh: Mesh, reader: str) -> float:
@@ -54,7 +54,7 @@ class Examiner:
         if self._volume is not None and mesh.equals(self.written):
             return self._volume
         try:
-            volume = require_printable(mesh, self.promise)
+            volume = require_printable(mesh, self.expected)
             _require_same(mesh, self.written)
         except StageError as error:
             raise StageError(f"read by {reader}: {error}") from error
@@ -62,24 +62,24 @@ class Examiner:
         return volume
 
 
-def require_printable(mesh: Mesh, promise: Promise) -> float:
+def require_printable(mesh: Mesh, expected: ExpectedSolid) -> float:
     """Check a mesh and return its volume, mm^3.
 
     Raises `StageError` where it is not closed, manifold, outward and free of self-intersections, or does not hold
     what was promised. Its vertices are distinct, or readers that merge them would find another mesh.
     """
-    if len(mesh.faces) != promise.triangles:
-        raise StageError(f"must hold {promise.triangles} triangles, but {len(mesh.faces)} were read back")
+    if len(mesh.faces) != expected.triangles:
+        raise StageError(f"must hold {expected.triangles} triangles, but {len(mesh.faces)} were read back")
     surface = SurfaceMesh(mesh.vertices.astype(np.float64), mesh.faces)
     _require_closed(surface.faces, len(surface.vertices))
     _require_manifold(surface)
-    _require_uncrossed(surface)
-    _require_shells(surface, promise)
+    _require_no_self_intersections(surface)
+    _require_shells(surface, expected)
     volume = surface.volume
-    if not abs(volume - promise.volume) <= VOLUME_TOLERANCE * promise.volume:
+    if not abs(volume - expected.volume) <= VOLUME_TOLERANCE * expected.volume:
         raise StageError(
             f"must keep the solid's volume to {VOLUME_TOLERANCE:g}, but it is {volume:.9g} mm^3 "
-            f"instead of {promise.volume:.9g}; {_REMEDY}"
+            f"instead of {expected.volume:.9g}; {_REMEDY}"
         )
     return volume
 
@@ -125,7 +125,7 @@ def _require_manifold(surface: SurfaceMesh) -> None:
         raise StageError(f"must be manifold, but surfaces touch at {touching} vertices; {_REMEDY}")
 
 
-def _require_shells(surface: SurfaceMesh, promise: Promise) -> None:
+def _require_shells(surface: SurfaceMesh, expected: ExpectedSolid) -> None:
     """Check that pieces lie in void and closed pores in solid, and that there are as many as promised.
 
     The surface does not cross itself, so that one point of a shell tells where all of it lies.
@@ -139,20 +139,20 @@ def _require_shells(surface: SurfaceMesh, promise: Promise) -> None:
             f"must be outward, but {wrong} of {len(volumes)} shells are inside out or lie in another's solid; {_REMEDY}"
         )
     pieces, closed_pores = int((volumes > 0.0).sum()), int((volumes < 0.0).sum())
-    if (pieces, closed_pores) != (promise.pieces, promise.closed_pores):
+    if (pieces, closed_pores) != (expected.pieces, expected.closed_pores):
         raise StageError(
-            f"must have pieces and closed pores as the solid, {promise.pieces} and {promise.closed_pores}, "
+            f"must have pieces and closed pores as the solid, {expected.pieces} and {expected.closed_pores}, "
             f"but has {pieces} and {closed_pores}; {_REMEDY}"
         )
 
 
-def _require_uncrossed(surface: SurfaceMesh) -> None:
+def _require_no_self_intersections(surface: SurfaceMesh) -> None:
     """Check that no two triangles have more in common than the vertices and edge that they share."""
-    from scaffold_geometry.surfaces.triangle_intersections import arealess_faces, crossing_faces
+    from scaffold_geometry.surfaces.triangle_intersections import degenerate_faces, self_intersecting_faces
 
-    if flat := int(arealess_faces(surface.vertices, surface.faces).sum()):
+    if flat := int(degenerate_faces(surface.vertices, surface.faces).sum()):
         raise StageError(f"must have no triangle without area, but {flat} have none; {_REMEDY}")
-    crossing = np.flatnonzero(crossing_faces(surface.vertices, surface.faces))
+    crossing = np.flatnonzero(self_intersecting_faces(surface.vertices, surface.faces))
     if len(crossing):
         place = surface.vertices[surface.faces[crossing[0]]].mean(axis=0)
         raise StageError(

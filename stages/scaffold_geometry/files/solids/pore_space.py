@@ -30,21 +30,21 @@ def pore_space(outer: OuterShape, solid: Solid) -> PoreSpace:
     """
     from igl import per_vertex_normals
 
-    from scaffold_geometry.surfaces.booleans import from_body, to_body
-    from scaffold_geometry.surfaces.float32 import in_single_precision
+    from scaffold_geometry.surfaces.booleans import from_manifold, to_manifold
+    from scaffold_geometry.surfaces.float32 import snap_to_float32
 
-    taken = to_body(solid.vertices, solid.faces, "solid")
+    taken = to_manifold(solid.vertices, solid.faces, "solid")
     normals = per_vertex_normals(outer.vertices, outer.faces)
     step = float(np.spacing(np.float32(np.abs(outer.vertices).max())))
     failures: list[StageError] = []
     for inset in (steps * step for steps in INSETS):
-        room = to_body(outer.vertices - inset * normals, outer.faces, "outer shape") - taken
+        room = to_manifold(outer.vertices - inset * normals, outer.faces, "outer shape") - taken
         if room.is_empty():
             raise StageError(
                 "the pore space is empty: the solid fills the outer shape; raise porosity, or set void off"
             )
         try:
-            rounded = in_single_precision(*from_body(room), "pore space")
+            rounded = snap_to_float32(*from_manifold(room), "pore space")
         except StageError as error:
             failures.append(error)
             continue

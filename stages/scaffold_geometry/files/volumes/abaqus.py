@@ -93,7 +93,7 @@ def read_abaqus(path: Path) -> Blocks:
             raise StageError(
                 f"{place} is not followed; write the mesh out whole, for instance from Abaqus/CAE or as VTU or MSH"
             )
-    return _assembled(parts, [_Instance("", []), *instances], path.name)
+    return _assemble(parts, [_Instance("", []), *instances], path.name)
 
 
 def _keywords(path: Path) -> Iterator[_Keyword]:
@@ -153,7 +153,7 @@ def _elements(keyword: _Keyword, place: str) -> tuple[ElementType, int, Ints]:
     return element_type(_KINDS[size], size), len(rows), rows
 
 
-def _assembled(parts: dict[str, _Part], instances: list[_Instance], name: str) -> Blocks:
+def _assemble(parts: dict[str, _Part], instances: list[_Instance], name: str) -> Blocks:
     """Return the nodes and elements of all instances together; a part without an instance stands where it is."""
     placed = {instance.part for instance in instances}
     missing = placed - set(parts)
@@ -168,12 +168,12 @@ def _assembled(parts: dict[str, _Part], instances: list[_Instance], name: str) -
         for of_type, number, wanted in part.elements:
             places = start + places_of(ids, wanted, name) if wanted.size else wanted
             blocks.append(Block(of_type, number, places))
-        points.append(_moved(nodes[:, 1:], instance.moves, name))
+        points.append(_place_instance(nodes[:, 1:], instance.moves, name))
         start += len(nodes)
     return Blocks(np.concatenate(points), blocks)
 
 
-def _moved(points: Floats, moves: list[Floats], name: str) -> Floats:
+def _place_instance(points: Floats, moves: list[Floats], name: str) -> Floats:
     """Return points translated by a line of 3 numbers, then turned by one of 7: two points of the axis, degrees."""
     for move in moves:
         if len(move) == 3:  # noqa: PLR2004

@@ -39,7 +39,7 @@ def read_volume(path: Path) -> VolumeFile:
     _require_known(blocks, path.name)
     cells = _cells(blocks, len(points), path.name)
     counts = ", ".join(f"{len(corners)} {CELL_TYPES[kind].plural}" for kind, corners in cells.items())
-    notes = [f"read {counts} over {len(points)} points from {path.suffix[1:].upper()}", *_passed_over(blocks)]
+    notes = [f"read {counts} over {len(points)} points from {path.suffix[1:].upper()}", *_list_ignored(blocks)]
     return VolumeFile(points, cells, tuple(notes))
 
 
@@ -47,13 +47,13 @@ def _require_known(blocks: list[Block], name: str) -> None:
     """Refuse cells that fill space and are none of the four kinds, and files without cells."""
     foreign = [block for block in blocks if block.type.dimension == 3 and not block.type.kind and block.number]  # noqa: PLR2004
     if foreign:
-        raise StageError(f"{name}: has cells of a kind that cannot be filled: {_counted(foreign)}; {_EXPORT}")
+        raise StageError(f"{name}: has cells of a kind that cannot be filled: {_count_elements(foreign)}; {_EXPORT}")
     if not any(block.number for block in blocks if block.type.kind):
-        rest = _counted([block for block in blocks if block.number])
+        rest = _count_elements([block for block in blocks if block.number])
         raise StageError(f"{name}: holds no cells that fill space ({rest or 'no elements at all'}); {_EXPORT}")
 
 
-def _counted(blocks: list[Block]) -> str:
+def _count_elements(blocks: list[Block]) -> str:
     """Return how many elements there are of each type, in words."""
     counts: dict[str, int] = {}
     for block in blocks:
@@ -69,7 +69,7 @@ def _cells(blocks: list[Block], count: int, name: str) -> dict[str, Ints]:
             block for block in blocks if block.type.kind == kind and block.number and block.nodes.shape[1] < corners
         ]
         if short:
-            raise StageError(f"{name}: a {kind} needs {corners} nodes, but there are {_counted(short)}; {AGAIN}")
+            raise StageError(f"{name}: a {kind} needs {corners} nodes, but there are {_count_elements(short)}; {AGAIN}")
         of_kind = [block.nodes[:, :corners] for block in blocks if block.type.kind == kind and block.number]
         if of_kind:
             cells[kind] = np.concatenate(of_kind)
@@ -82,14 +82,16 @@ def _cells(blocks: list[Block], count: int, name: str) -> dict[str, Ints]:
     return cells
 
 
-def _passed_over(blocks: list[Block]) -> list[str]:
+def _list_ignored(blocks: list[Block]) -> list[str]:
     curved = [block for block in blocks if block.type.kind and block.nodes.shape[1] > CORNERS[block.type.kind]]
     beside = [block for block in blocks if not block.type.kind and block.number]
     told = []
     if curved:
         told.append(f"reduced {sum(block.number for block in curved)} cells of higher order to their corners")
     if beside:
-        told.append(f"ignored {sum(block.number for block in beside)} elements that fill no space ({_counted(beside)})")
+        told.append(
+            f"ignored {sum(block.number for block in beside)} elements that fill no space ({_count_elements(beside)})"
+        )
     return told
 
 

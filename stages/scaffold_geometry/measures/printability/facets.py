@@ -112,7 +112,7 @@ def shell_sums(vertices: Floats, faces: Ints, shells: Ints, count: int) -> tuple
 
 
 @kernel
-def joined(faces: Ints, count: int) -> Ints:
+def label_connected_faces(faces: Ints, count: int) -> Ints:
     """Return the number of the part that each face belongs to, (m,), from 0 in the order of their first faces.
 
     Faces that share one of the `count` vertices hang together.

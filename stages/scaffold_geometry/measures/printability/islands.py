@@ -6,7 +6,7 @@ import numpy as np
 
 from scaffold_geometry.measures.printability.facets import cone_angles
 from scaffold_geometry.measures.printability.merge_tree import part_heights
-from scaffold_geometry.measures.printability.places import worded
+from scaffold_geometry.measures.printability.places import format_place
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
 from scaffold_pipeline.artifacts import Finding, SurfaceMesh
 
@@ -29,7 +29,7 @@ def islands(surface: SurfaceMesh, rules: PrintRules) -> Outcome:
     places = surface.vertices[starts]
     message = (
         f"{len(starts)} parts start in mid-air and stand free for more than a layer of {rules.layer:g} mm, that at "
-        f"{worded(places[0])} for {_free(float(rises[starts[0]]))}; support them, or turn the solid"
+        f"{format_place(places[0])} for {_free(float(rises[starts[0]]))}; support them, or turn the solid"
     )
     return Outcome({**values}, Finding("unsupported_island", message, places[: rules.most_places]))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scaffold_geometry.measures.printability.places import apart_in, worded, worst_apart
+from scaffold_geometry.measures.printability.places import apart_in, format_place, worst_apart
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
 from scaffold_geometry.measures.printability.sharp_edges import SharpEdges, sharp_edges
 from scaffold_pipeline.artifacts import Finding, SurfaceMesh
@@ -27,7 +27,7 @@ def knife_edges(surface: SurfaceMesh, rims: SharpEdges, rules: PrintRules) -> Ou
     named = worst_apart(middles, -angles, apart_in(surface), rules.most_places)
     message = (
         f"{length:.3g} mm of rims are sharper than {rules.knife_angle:g} degrees, the sharpest of "
-        f"{angles[named[0]]:.2g} degrees at {worded(middles[named[0]])}; at most {rules.max_knife_edge:g} mm may be: "
-        "smooth the solid, or give it a skin"
+        f"{angles[named[0]]:.2g} degrees at {format_place(middles[named[0]])}; at most {rules.max_knife_edge:g} mm may "
+        "be: smooth the solid, or give it a skin"
     )
     return Outcome({**values}, Finding("knife_edge", message, middles[named]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scaffold_geometry.measures.printability.facets import shell_sums
-from scaffold_geometry.measures.printability.places import worded
+from scaffold_geometry.measures.printability.places import format_place
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
 from scaffold_geometry.surfaces.triangles import face_pieces
 from scaffold_pipeline.artifacts import Finding, Floats, SurfaceMesh
@@ -49,6 +49,6 @@ class _Shells:
             return Outcome({**values}, None)
         message = (
             f"{count} {what}, {volume:.4g} mm^3 in all, the greatest of {self.volumes[0]:.4g} mm^3 at "
-            f"{worded(self.centres[0])}; {remedy}"
+            f"{format_place(self.centres[0])}; {remedy}"
         )
         return Outcome({**values}, Finding(rule, message, self.centres[:most]))

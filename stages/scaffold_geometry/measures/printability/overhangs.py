@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scaffold_geometry.measures.printability.facets import facing, joined
-from scaffold_geometry.measures.printability.places import worded
+from scaffold_geometry.measures.printability.facets import facing, label_connected_faces
+from scaffold_geometry.measures.printability.places import format_place
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
 from scaffold_pipeline.artifacts import Finding, Floats, Ints, SurfaceMesh
 
@@ -49,7 +49,8 @@ def overhangs(surface: SurfaceMesh, rules: PrintRules) -> Outcome:
     message = (
         f"{area:.4g} mm^2, {area / whole:.1%} of the surface, look down at less than {rules.overhang_angle:g} degrees "
         f"from the horizontal in {len(regions.areas)} places, the largest of {regions.areas[0]:.4g} mm^2 at "
-        f"{worded(regions.centres[0])}; at most {rules.max_overhang_area:g} mm^2 may: support them, or turn the solid"
+        f"{format_place(regions.centres[0])}; at most {rules.max_overhang_area:g} mm^2 may: support them, or turn the "
+        "solid"
     )
     return Outcome({**values}, Finding("overhang", message, regions.centres[: rules.most_places]))
 
@@ -59,7 +60,7 @@ def _regions(surface: SurfaceMesh, hanging: Ints, areas: Floats, rules: PrintRul
     if not len(hanging):
         return _Regions(np.empty(0), np.empty((0, 3)))
     faces = surface.faces[hanging]
-    numbers = joined(faces, len(surface.vertices))
+    numbers = label_connected_faces(faces, len(surface.vertices))
     sums: Floats = np.bincount(numbers, areas).astype(np.float64)
     middles = surface.vertices[faces].mean(axis=1)
     centres = np.stack([np.bincount(numbers, areas * middles[:, axis]) for axis in range(3)], axis=1) / sums[:, None]

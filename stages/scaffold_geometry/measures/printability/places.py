@@ -32,6 +32,6 @@ def worst_apart(points: Floats, badness: Floats, apart: float, most: int) -> NDA
     return np.array(named, np.int64)
 
 
-def worded(place: Floats) -> str:
+def format_place(place: Floats) -> str:
     """Return a place (3,), mm, as a message has it."""
     return f"({to_place(place)})"

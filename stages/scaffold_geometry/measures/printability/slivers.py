@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from scaffold_geometry.measures.printability.facets import aspects
-from scaffold_geometry.measures.printability.places import apart_in, worded, worst_apart
+from scaffold_geometry.measures.printability.places import apart_in, format_place, worst_apart
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
 from scaffold_pipeline.artifacts import Finding, SurfaceMesh
 
@@ -22,6 +22,6 @@ def slivers(surface: SurfaceMesh, rules: PrintRules) -> Outcome:
     named = worst_apart(centres, -ratios[flat], apart_in(surface), rules.most_places)
     message = (
         f"{len(flat)} of {len(surface.faces)} triangles are flatter than {rules.min_aspect:g} of their longest edge, "
-        f"the flattest {ratios[flat].min():.2g} at {worded(centres[named[0]])}; clean or simplify the surface"
+        f"the flattest {ratios[flat].min():.2g} at {format_place(centres[named[0]])}; clean or simplify the surface"
     )
     return Outcome({**values}, Finding("sliver", message, centres[named]))

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from scaffold_geometry.measures.printability.facets import faces_near, facing
-from scaffold_geometry.measures.printability.places import apart_in, worded, worst_apart
+from scaffold_geometry.measures.printability.places import apart_in, format_place, worst_apart
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
 from scaffold_geometry.measures.printability.walls import WallFinder, Walls, unit_normals
 from scaffold_pipeline.artifacts import Fact, Finding, Floats, Ints, SurfaceMesh
@@ -48,7 +48,7 @@ def thin_walls(surface: SurfaceMesh, rims: Ints, rules: PrintRules) -> Outcome:
         return Outcome(values, None)
     named = thin[worst_apart(closer.middles[thin], -closer.thickness[thin], apart_in(surface), rules.most_places)]
     message = (
-        f"a wall is {closer.thickness[named[0]]:.3g} mm thin at {worded(closer.middles[named[0]])}, and under "
+        f"a wall is {closer.thickness[named[0]]:.3g} mm thin at {format_place(closer.middles[named[0]])}, and under "
         f"{values['thin_wall_fraction']:.2%} of the surface walls are below the {rules.min_wall:g} mm asked for; lower "
         "porosity, or use larger cells"
     )
@@ -60,7 +60,7 @@ def _numbers(walls: Walls, closer: Walls, least: float | None) -> dict[str, Fact
     thinnest = int(np.argmin(closer.thickness)) if len(closer.thickness) else None
     return {
         "thinnest_wall_mm": None if thinnest is None else float(closer.thickness[thinnest]),
-        "thinnest_wall_at": None if thinnest is None else worded(closer.middles[thinnest])[1:-1],
+        "thinnest_wall_at": None if thinnest is None else format_place(closer.middles[thinnest])[1:-1],
         "wall_percentile_5_mm": float(np.quantile(walls.thickness, 0.05)) if len(walls.thickness) else None,
         "thin_wall_fraction": None if least is None else len(_thin(walls, least)) / _SAMPLES,
     }

@@ -41,7 +41,7 @@ class Farthest(NamedTuple):
 NOWHERE = Farthest(0.0, np.zeros(3))
 
 
-class Moved(NamedTuple):
+class Displacement(NamedTuple):
     """How far the surfaces lie apart.
 
     `lost` is the greatest distance to the result from what was read, but for what lies inside the solid on both sides;
@@ -53,14 +53,14 @@ class Moved(NamedTuple):
     inner: float
 
 
-def moved(read: Surface, repaired: Surface, kept: Surface, spacing: float) -> Moved:
+def measure_displacement(read: Surface, repaired: Surface, kept: Surface, spacing: float) -> Displacement:
     """Compare all that was read with all that was repaired, and what of this is kept with what was read.
 
     Triangles that are in both at the same places are passed over; the others are sampled about every `spacing`.
     """
     if np.array_equal(read[0], kept[0]) and np.array_equal(np.sort(read[1], axis=1), np.sort(kept[1], axis=1)):
-        return Moved(NOWHERE, NOWHERE, 0.0)
-    old, new = changed(read, repaired), changed(kept, read)
+        return Displacement(NOWHERE, NOWHERE, 0.0)
+    old, new = find_changed_faces(read, repaired), find_changed_faces(kept, read)
     points = samples(kept[0], kept[1][new], spacing).points
     gained = _greatest(points, _distances(points, read))
     found = samples(read[0], read[1][old], spacing)
@@ -73,10 +73,10 @@ def moved(read: Surface, repaired: Surface, kept: Surface, spacing: float) -> Mo
     is_counted[far] = False
     is_counted[asked[~is_inner]] = True
     lost = _greatest(found.points[is_counted], distances[is_counted])
-    return Moved(lost, gained, stride * float(found.areas[asked[is_inner]].sum()))
+    return Displacement(lost, gained, stride * float(found.areas[asked[is_inner]].sum()))
 
 
-def changed(one: Surface, other: Surface) -> Mask:
+def find_changed_faces(one: Surface, other: Surface) -> Mask:
     """Return which faces of `one` have no face of `other` on the same three places, (m,)."""
     vertices = np.concatenate([one[0], other[0]])
     faces = np.concatenate([one[1], other[1] + len(one[0])])

@@ -8,7 +8,7 @@ import numpy as np
 
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.edges import MANIFOLD, Edges, Floats, Ints, Mask, Surface, edges_of, patches_of
-from scaffold_geometry.surfaces.repair.log import Deed, Done
+from scaffold_geometry.surfaces.repair.log import OpCounts, RepairOp
 
 _INSIDE = 0.5
 """Winding number halfway between outside and inside."""
@@ -16,8 +16,8 @@ _INSIDE = 0.5
 _LOOKED_AT = 50
 """Faces of a patch at which the winding number about it is taken."""
 
-_FIN = Deed("fin_triangles_dropped", "dropped {} triangles of fins that hung on the surface by an edge")
-_WALL = Deed("wall_triangles_dropped", "dropped {} triangles of walls inside of it")
+_FIN = RepairOp("fin_triangles_dropped", "dropped {} triangles of fins that hung on the surface by an edge")
+_WALL = RepairOp("wall_triangles_dropped", "dropped {} triangles of walls inside of it")
 
 
 class _Patch(NamedTuple):
@@ -29,7 +29,7 @@ class _Patch(NamedTuple):
     rim: Ints
 
 
-def without_sheets(vertices: Floats, faces: Ints, done: Done) -> Surface:
+def remove_fins_and_internal_walls(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
     """Return the surface without fins and walls, where that leaves no edge with an odd number of faces."""
     while True:
         edges = edges_of(faces)
@@ -43,7 +43,7 @@ def without_sheets(vertices: Floats, faces: Ints, done: Done) -> Surface:
     return triangles.drop_unreferenced(vertices, faces)
 
 
-def _superfluous(vertices: Floats, faces: Ints, edges: Edges, labels: Ints, done: Done) -> Mask:
+def _superfluous(vertices: Floats, faces: Ints, edges: Edges, labels: Ints, done: OpCounts) -> Mask:
     """Return which faces are of a fin or a wall, (m,): the smallest first, no two of them at one edge."""
     gone, taken = np.zeros(len(faces), bool), np.zeros(len(edges.uses), bool)
     for patch in sorted(_candidates(vertices, faces, edges, labels), key=lambda patch: (patch.area, patch.number)):

@@ -17,11 +17,11 @@ _MOST = 20_000
 """Triangles of a refined patch: beside a tiny triangle, a wide hole would take millions."""
 
 
-def refined(vertices: Floats, faces: Ints, patch: Ints) -> Surface:
+def refine_patch(vertices: Floats, faces: Ints, patch: Ints) -> Surface:
     """Return vertices and the patch (k, 3) with triangles as large as those of the `faces` at its rim."""
     scale = _edge_lengths(vertices, faces, patch)
     known = {(int(a), int(b)) for a, b in edges_of(faces).ends}
-    patch = _relaxed(vertices, patch, known)
+    patch = _flip_to_delaunay(vertices, patch, known)
     for _ in range(_ROUNDS):
         corners = vertices[patch]
         centres, scales = corners.mean(axis=1), scale[patch].mean(axis=1)
@@ -34,7 +34,7 @@ def refined(vertices: Floats, faces: Ints, patch: Ints) -> Surface:
         thirds = [np.column_stack(three) for three in ((a, b, hub), (b, c, hub), (c, a, hub))]
         vertices = np.concatenate([vertices, centres[is_split]])
         scale = np.concatenate([scale, scales[is_split]])
-        patch = _relaxed(vertices, np.concatenate([patch[~is_split], *thirds]), known)
+        patch = _flip_to_delaunay(vertices, np.concatenate([patch[~is_split], *thirds]), known)
     return vertices, patch
 
 
@@ -49,7 +49,7 @@ def _edge_lengths(vertices: Floats, faces: Ints, patch: Ints) -> Floats:
     return np.asarray(np.where(of_patch, sums / np.maximum(counts, 1), 0.0))
 
 
-def _relaxed(vertices: Floats, patch: Ints, known: set[tuple[int, int]]) -> Ints:
+def _flip_to_delaunay(vertices: Floats, patch: Ints, known: set[tuple[int, int]]) -> Ints:
     """Turn inner edges of the patch whose opposite angles exceed two right ones, unless the new edge is `known`."""
     for _ in range(_FLIPS):
         edges = edges_of(patch)
@@ -62,7 +62,7 @@ def _relaxed(vertices: Floats, patch: Ints, known: set[tuple[int, int]]) -> Ints
         worst = np.flatnonzero(angles > np.pi + 1e-6)
         worst = worst[np.argsort(-angles[worst], kind="stable")]
         present = known | {(int(a), int(b)) for a, b in edges.ends}
-        patch, turned = _turned(patch, [(int(one[k]), int(other[k])) for k in worst], present)
+        patch, turned = _flip_edges(patch, [(int(one[k]), int(other[k])) for k in worst], present)
         if not turned:
             break
     return patch
@@ -73,7 +73,7 @@ def _angle(vertices: Floats, apex: Ints, one: Ints, other: Ints) -> Floats:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ij,ij->i", a, b)))
 
 
-def _turned(patch: Ints, pairs: list[tuple[int, int]], present: set[tuple[int, int]]) -> tuple[Ints, int]:
+def _flip_edges(patch: Ints, pairs: list[tuple[int, int]], present: set[tuple[int, int]]) -> tuple[Ints, int]:
     """Turn the edge between each pair of half-edges, unless a face of it was turned already or the new edge exists."""
     patch, done = patch.copy(), 0
     touched: set[int] = set()
@@ -91,7 +91,7 @@ def _turned(patch: Ints, pairs: list[tuple[int, int]], present: set[tuple[int, i
     return patch, done
 
 
-def faired(vertices: Floats, faces: Ints, patch: Ints, first: int) -> Floats:
+def fair_patch(vertices: Floats, faces: Ints, patch: Ints, first: int) -> Floats:
     """Return the vertices with the new ones, from `first` on, placed so that patch and `faces` at its rim bend least.
 
     They solve the thin plate's equation, the Laplacian (cotangent weights) of the Laplacian is zero, so that the patch

@@ -25,13 +25,13 @@ class _Spans:
     normals: Floats
 
 
-def spanned(vertices: Floats, loop: Ints, rim_normals: Floats, near: Ints) -> Ints:
+def triangulate_hole(vertices: Floats, loop: Ints, rim_normals: Floats, near: Ints) -> Ints:
     """Return triangles over the loop's vertices, (n - 2, 3): least worst bend, then least area.
 
     `rim_normals` (n, 3) are those of the surface at each edge of the loop. No new edge is one that the faces `near`
     have, unless there is no other way.
     """
-    count, points, taken = len(loop), vertices[loop], _taken(loop, near)
+    count, points, taken = len(loop), vertices[loop], _find_existing_edges(loop, near)
     square = (count, count)
     spans = _Spans(np.zeros(square), np.zeros(square), np.zeros(square, np.int64), np.zeros((*square, 3)))
     at = np.arange(count)
@@ -39,7 +39,7 @@ def spanned(vertices: Floats, loop: Ints, rim_normals: Floats, near: Ints) -> In
     for length in range(2, count):
         start = at[: count - length]
         _span(points, spans, start, length, taken[start, start + length])
-    return np.asarray(loop[_unrolled(spans.middles)])
+    return np.asarray(loop[_list_triangles(spans.middles)])
 
 
 def _span(points: Floats, spans: _Spans, start: Ints, length: int, is_taken: Mask) -> None:
@@ -69,7 +69,7 @@ def _least(bends: Floats, areas: Floats) -> Ints:
     return np.asarray(np.where(is_least, areas, np.inf).argmin(axis=1), dtype=np.int64)
 
 
-def _taken(loop: Ints, faces: Ints) -> Mask:
+def _find_existing_edges(loop: Ints, faces: Ints) -> Mask:
     """Return which pairs of the loop's vertices have an edge already, (n, n), but for neighbours on the loop."""
     count = len(loop)
     taken = np.zeros((count, count), bool)
@@ -83,7 +83,7 @@ def _taken(loop: Ints, faces: Ints) -> Mask:
     return taken
 
 
-def _unrolled(middles: Ints) -> Ints:
+def _list_triangles(middles: Ints) -> Ints:
     """Return the triangles, as places on the loop, of the best spans within the whole."""
     found, todo = [], [(0, len(middles) - 1)]
     while todo:

@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from scaffold_geometry.surfaces.edges import Floats, Ints, edges_of
-from scaffold_geometry.surfaces.repair.hole_fairing import faired, refined
-from scaffold_geometry.surfaces.repair.hole_triangulation import spanned
+from scaffold_geometry.surfaces.repair.hole_fairing import fair_patch, refine_patch
+from scaffold_geometry.surfaces.repair.hole_triangulation import triangulate_hole
 
 LONGEST = 600
 """Edges of the longest hole that is filled: spanning takes the cube of them, 3 s for these."""
 
 
-class Filled(NamedTuple):
+class FilledHoles(NamedTuple):
     """The surface with patches behind its own `vertices` and `faces`; `patches` (k,) the hole of each new face."""
 
     vertices: Floats
@@ -27,24 +27,24 @@ class Filled(NamedTuple):
     too_long: int
 
 
-def filled(vertices: Floats, faces: Ints) -> Filled:
+def fill_holes(vertices: Floats, faces: Ints) -> FilledHoles:
     """Fill all holes of up to `LONGEST` edges of a consistently wound surface; it keeps its vertices and faces."""
     loops = _loops(vertices, faces)
     short = [loop for loop in loops if len(loop) <= LONGEST]
     if not short:
-        return Filled(vertices, faces, np.empty(0, np.int64), len(loops))
+        return FilledHoles(vertices, faces, np.empty(0, np.int64), len(loops))
     # what lies at a rim is all that filling needs to know
     near = _faces_at(faces, np.concatenate(short), len(vertices))
     normals, patches = _rim_normals(vertices, near), []
     for loop in short:
         own = _faces_at(near, loop, len(vertices))
         at_rim = np.array([normals[min(ends), max(ends)] for ends in pairwise([*loop.tolist(), int(loop[0])])])
-        points, patch = refined(vertices, own, spanned(vertices, loop, at_rim, own))
-        vertices = faired(points, own, patch, len(vertices))
+        points, patch = refine_patch(vertices, own, triangulate_hole(vertices, loop, at_rim, own))
+        vertices = fair_patch(points, own, patch, len(vertices))
         near = np.concatenate([near, patch])
         patches.append(patch)
     numbers = np.repeat(np.arange(len(patches)), [len(patch) for patch in patches])
-    return Filled(vertices, np.concatenate([faces, *patches]), numbers, len(loops) - len(short))
+    return FilledHoles(vertices, np.concatenate([faces, *patches]), numbers, len(loops) - len(short))
 
 
 def _faces_at(faces: Ints, loop: Ints, count: int) -> Ints:
@@ -65,11 +65,11 @@ def _loops(vertices: Floats, faces: Ints) -> list[Ints]:
     loops = []
     for start in sorted(ways):
         while ways[start]:
-            loops += _walked(vertices, ways, start)
+            loops += _walk_loops(vertices, ways, start)
     return [np.array(loop) for loop in loops if len(loop) > 2]  # noqa: PLR2004 - corners of a triangle
 
 
-def _walked(vertices: Floats, ways: dict[int, list[int]], start: int) -> list[list[int]]:
+def _walk_loops(vertices: Floats, ways: dict[int, list[int]], start: int) -> list[list[int]]:
     """Walk from `start` until there is no way on, and cut a loop off wherever the path comes back to itself."""
     path, places, loops = [start], {start: 0}, []
     while ways.get(path[-1]):

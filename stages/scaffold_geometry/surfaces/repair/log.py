@@ -9,24 +9,24 @@ from typing import NamedTuple, TypeAlias
 from scaffold_pipeline.artifacts import Fact
 
 
-class Deed(NamedTuple):
+class RepairOp(NamedTuple):
     """What can be done: the name of the fact that counts it, and a sentence with a `{}` for the number."""
 
     name: str
     said: str
 
 
-MERGED = Deed("vertices_merged", "merged {} coincident vertices")
-TWICE = Deed("triangles_of_two_corners_dropped", "dropped {} triangles that use a vertex twice")
-DOUBLE = Deed("duplicate_triangles_dropped", "dropped {} duplicate triangles")
-TURNED = Deed("triangles_turned", "turned {} triangles that were wound against their neighbours")
+MERGED = RepairOp("vertices_merged", "merged {} coincident vertices")
+TWICE = RepairOp("triangles_of_two_corners_dropped", "dropped {} triangles that use a vertex twice")
+DOUBLE = RepairOp("duplicate_triangles_dropped", "dropped {} duplicate triangles")
+TURNED = RepairOp("triangles_turned", "turned {} triangles that were wound against their neighbours")
 
-Done: TypeAlias = Counter[Deed]
+OpCounts: TypeAlias = Counter[RepairOp]
 """How often what was done."""
 
 
 @dataclass(frozen=True)
-class Account:
+class RepairLog:
     """What was done: in words, how often by the name of the fact, and what was measured of it."""
 
     notes: list[str] = field(default_factory=list)
@@ -38,19 +38,19 @@ class Account:
         """What was counted and measured."""
         return {**self.counts, **self.measures}
 
-    def count(self, deed: Deed, number: int) -> None:
+    def count(self, op: RepairOp, number: int) -> None:
         """Note what was done so many times, unless that is none."""
         if number:
-            self.notes.append(deed.said.format(number))
-            self.counts[deed.name] += number
+            self.notes.append(op.said.format(number))
+            self.counts[op.name] += number
 
-    def count_all(self, done: Done) -> None:
+    def count_all(self, done: OpCounts) -> None:
         """Note all that was done."""
-        for deed, number in done.items():
-            self.count(deed, number)
+        for op, number in done.items():
+            self.count(op, number)
 
-    def add(self, other: Account) -> None:
-        """Take over what another account has; counts add up."""
+    def add(self, other: RepairLog) -> None:
+        """Take over what another log has; counts add up."""
         self.notes.extend(other.notes)
         self.counts.update(other.counts)
         self.measures.update(other.measures)

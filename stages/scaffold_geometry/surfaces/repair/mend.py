@@ -21,7 +21,7 @@ from scaffold_geometry.surfaces.edges import (
     open_vertices,
     rounding,
 )
-from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TWICE, Deed, Done
+from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TWICE, OpCounts, RepairOp
 
 _ROUNDS = 20
 """Cutting a face can leave another flat one beside it; a chain of them takes a round each."""
@@ -29,22 +29,22 @@ _ROUNDS = 20
 _MOST_OPEN = 200_000
 """Open vertices up to which it is looked for such as lie on an edge: more are shreds, to be rebuilt."""
 
-_WELDED = Deed("vertices_welded", "welded {} vertices along cracks that the file's rounding explains")
-_STITCHED = Deed("triangles_cut", "cut {} triangles at vertices that lay on their open edge")
-_COLLAPSED = Deed("triangles_without_area_collapsed", "collapsed {} triangles without area")
-_FOLDED = Deed("folded_triangles_dropped", "dropped {} triangles of walls that the file has both ways round")
+_WELDED = RepairOp("vertices_welded", "welded {} vertices along cracks that the file's rounding explains")
+_STITCHED = RepairOp("triangles_cut", "cut {} triangles at vertices that lay on their open edge")
+_COLLAPSED = RepairOp("triangles_without_area_collapsed", "collapsed {} triangles without area")
+_FOLDED = RepairOp("folded_triangles_dropped", "dropped {} triangles of walls that the file has both ways round")
 
 
-def merged(vertices: Floats, faces: Ints, done: Done) -> Surface:
+def merge_vertices(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
     """Return the surface with one vertex for each place, without what then is no triangle or is not used."""
     count = len(vertices)
     vertices, faces = triangles.merge_coincident(vertices, faces)
     done[MERGED] += count - len(vertices)
-    faces = _without(faces, triangles.collapsed_faces(faces), TWICE, done)
+    faces = _without(faces, triangles.duplicate_vertex_faces(faces), TWICE, done)
     return triangles.drop_unreferenced(vertices, faces)
 
 
-def mended(vertices: Floats, faces: Ints, done: Done) -> Surface:
+def clean_mesh(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
     """Return a merged surface without cracks, double faces, and flat faces.
 
     A flat triangle between three places is not simply left out, which would open a crack: its neighbour over the
@@ -54,23 +54,23 @@ def mended(vertices: Floats, faces: Ints, done: Done) -> Surface:
     for _ in range(_ROUNDS):
         before = sum(done.values())
         faces = _without_doubles(faces, done)
-        faces = _welded(vertices, faces, reach, done)
+        faces = _weld_boundary(vertices, faces, reach, done)
         faces = _without_flats(vertices, faces, reach, done)
-        faces = _stitched(vertices, faces, reach, done)
+        faces = _stitch_boundary(vertices, faces, reach, done)
         if sum(done.values()) == before:
             break
     faces = _without(faces, triangles.flat_faces(vertices, faces), _COLLAPSED, done)
     return triangles.drop_unreferenced(vertices, faces)
 
 
-def _without(faces: Ints, bad: Mask, deed: Deed, done: Done) -> Ints:
-    done[deed] += int(bad.sum())
+def _without(faces: Ints, bad: Mask, op: RepairOp, done: OpCounts) -> Ints:
+    done[op] += int(bad.sum())
     return faces[~bad]
 
 
-def _without_doubles(faces: Ints, done: Done) -> Ints:
+def _without_doubles(faces: Ints, done: OpCounts) -> Ints:
     """Keep one of several faces on the same corners; none where they are there both ways, as inner walls are."""
-    if not triangles.repeated_faces(faces).any():
+    if not triangles.duplicate_faces(faces).any():
         return faces
     corners, group = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
     group = group.ravel()
@@ -118,7 +118,7 @@ def _closes_something(faces: Ints, is_asked: Mask) -> Mask:
     return closes
 
 
-def _welded(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:
+def _weld_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
     """Join vertices of open edges that lie within `reach`; the first of them stays."""
     from scipy.spatial import cKDTree
 
@@ -128,21 +128,21 @@ def _welded(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:
     pairs = cKDTree(vertices[rim]).query_pairs(reach, output_type="ndarray")
     if not len(pairs):
         return faces
-    return _joined(faces, rim[pairs[:, 0]], rim[pairs[:, 1]], len(vertices), _WELDED, done)
+    return _join_vertices(faces, rim[pairs[:, 0]], rim[pairs[:, 1]], len(vertices), _WELDED, done)
 
 
-def _joined(faces: Ints, one: Ints, other: Ints, count: int, deed: Deed, done: Done) -> Ints:
+def _join_vertices(faces: Ints, one: Ints, other: Ints, count: int, op: RepairOp, done: OpCounts) -> Ints:
     """Let faces use, of vertices that are paired, the first; faces that then use one twice go."""
     label = components(one, other, count)
     first = np.full(count, count)
     np.minimum.at(first, label, np.arange(count))
     place = first[label]
-    done[deed] += int((place[np.unique(faces)] != np.unique(faces)).sum())
+    done[op] += int((place[np.unique(faces)] != np.unique(faces)).sum())
     moved = place[faces]
-    return _without(moved, triangles.collapsed_faces(moved), TWICE, done)
+    return _without(moved, triangles.duplicate_vertex_faces(moved), TWICE, done)
 
 
-def _without_flats(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:
+def _without_flats(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
     """Take out flat faces: join two corners at one place, or cut the neighbours where a corner lies on their edge."""
     flat = np.flatnonzero(triangles.flat_faces(vertices, faces))
     if not len(flat):
@@ -151,7 +151,7 @@ def _without_flats(vertices: Floats, faces: Ints, reach: float, done: Done) -> I
     needle = sides.min(axis=1) <= min(reach, 1e-3 * float(sides.max()))
     if needle.any():
         at, side = flat[needle], sides[needle].argmin(axis=1)
-        return _joined(faces, faces[at, side], faces[at, (side + 1) % 3], len(vertices), _COLLAPSED, done)
+        return _join_vertices(faces, faces[at, side], faces[at, (side + 1) % 3], len(vertices), _COLLAPSED, done)
     edges = edges_of(faces)
     touched, cuts, gone = np.zeros(len(faces), bool), {}, []
     for face, side in zip(flat, sides.argmax(axis=1), strict=True):
@@ -163,10 +163,10 @@ def _without_flats(vertices: Floats, faces: Ints, reach: float, done: Done) -> I
         gone.append(face)
         cuts.update({int(half_edge): [int(faces[face, (side + 2) % 3])] for half_edge in others})
     done[_COLLAPSED] += len(gone)
-    return _cut(faces, cuts, np.array(gone, np.int64))
+    return _split_faces(faces, cuts, np.array(gone, np.int64))
 
 
-def _cut(faces: Ints, cuts: dict[int, list[int]], gone: Ints) -> Ints:
+def _split_faces(faces: Ints, cuts: dict[int, list[int]], gone: Ints) -> Ints:
     """Return the faces without `gone`, those of `cuts` cut from the vertices on a half-edge to the corner opposite."""
     kept = np.ones(len(faces), bool)
     kept[gone] = False
@@ -179,7 +179,7 @@ def _cut(faces: Ints, cuts: dict[int, list[int]], gone: Ints) -> Ints:
     return np.concatenate([faces[kept], np.array(new, np.int64).reshape(-1, 3)])
 
 
-def _stitched(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:
+def _stitch_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
     """Cut open edges at the open vertices that lie on them within `reach`: a coarser side meets a finer one."""
     from scipy.spatial import cKDTree
 
@@ -199,7 +199,7 @@ def _stitched(vertices: Floats, faces: Ints, reach: float, done: Done) -> Ints:
         if len(on) and not any(3 * (half_edges[at] // 3) + side in cuts for side in range(3)):
             cuts[int(half_edges[at])] = [int(vertex) for vertex in on]
     done[_STITCHED] += len(cuts)
-    return _cut(faces, cuts, np.empty(0, np.int64))
+    return _split_faces(faces, cuts, np.empty(0, np.int64))
 
 
 def _on_segment(vertices: Floats, candidates: Ints, tail: int, head: int, reach: float) -> Ints:

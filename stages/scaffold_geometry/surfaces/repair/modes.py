@@ -10,8 +10,8 @@ import numpy as np
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.edges import Floats, Ints, Surface, edges_of
 from scaffold_geometry.surfaces.repair import fins_and_walls, holes, mend, self_intersections, winding_number
-from scaffold_geometry.surfaces.repair.log import TURNED, Account, Deed, Done
-from scaffold_geometry.surfaces.repair.non_manifold import parted_or_same
+from scaffold_geometry.surfaces.repair.log import TURNED, OpCounts, RepairLog, RepairOp
+from scaffold_geometry.surfaces.repair.non_manifold import try_split_non_manifold
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import Arrays, call_in_child
 
@@ -28,8 +28,8 @@ _INSIDE = 0.5
 """Winding number halfway between outside and inside."""
 
 
-_PIECES = Deed("pieces_turned", "turned {} pieces that faced inward")
-_TOO_LONG = Deed("holes_left", f"left {{}} holes of more than {holes.LONGEST} edges open")
+_PIECES = RepairOp("pieces_turned", "turned {} pieces that faced inward")
+_TOO_LONG = RepairOp("holes_left", f"left {{}} holes of more than {holes.LONGEST} edges open")
 
 
 class Repaired(NamedTuple):
@@ -37,85 +37,89 @@ class Repaired(NamedTuple):
 
     vertices: Floats
     faces: Ints
-    account: Account
+    log: RepairLog
 
 
-def safe(vertices: Floats, faces: Ints) -> Repaired:
+def repair_surface(vertices: Floats, faces: Ints) -> Repaired:
     """Mend a surface of one vertex a place without moving what is sound in it; what cannot be mended stays as it is."""
-    done, account = Counter[Deed](), Account()
-    vertices, faces = _prepared(vertices, faces, done)
-    vertices, faces, filling = _filled(vertices, faces)
-    vertices, faces = parted_or_same(vertices, faces, done)
-    account.count_all(done)
-    account.add(filling)
-    return Repaired(vertices, faces, account)
+    done, log = Counter[RepairOp](), RepairLog()
+    vertices, faces = _prepare(vertices, faces, done)
+    vertices, faces, filling = _fill(vertices, faces)
+    vertices, faces = try_split_non_manifold(vertices, faces, done)
+    log.count_all(done)
+    log.add(filling)
+    return Repaired(vertices, faces, log)
 
 
-def rebuilt(vertices: Floats, faces: Ints, tolerance: float, name: str) -> Repaired:
+def rebuild_surface(vertices: Floats, faces: Ints, tolerance: float, name: str) -> Repaired:
     """Return the boundary of what a surface of one vertex a place winds about.
 
     Where its holes can be filled, its triangles are cut where they cross, and what bounds the inside stays exactly
     where it was. Of what cannot be filled or cut, the winding number is sampled on a grid; raises `StageError` where
     that finds no inside either.
     """
-    done, account = Counter[Deed](), Account()
-    vertices, faces = _prepared(vertices, faces, done)
-    account.count_all(done)
+    done, log = Counter[RepairOp](), RepairLog()
+    vertices, faces = _prepare(vertices, faces, done)
+    log.count_all(done)
     if not len(faces):
-        return Repaired(vertices, faces, account)
+        return Repaired(vertices, faces, log)
     seconds = 300.0 + len(faces) / 500.0
     try:
-        *whole, closing = _closed(vertices, faces)
+        *whole, closing = _close(vertices, faces)
         answer = call_in_child(
-            self_intersections.arranged, dict(zip(_NAMES, whole, strict=True)), {}, seconds=seconds, about=_CUT
+            self_intersections.resolve_self_intersections,
+            dict(zip(_NAMES, whole, strict=True)),
+            {},
+            seconds=seconds,
+            about=_CUT,
         )
-        account.add(closing)
+        log.add(closing)
         how = "rebuilt by cutting it where it crosses itself and keeping the boundary of what it winds about"
     except StageError as error:
-        answer, spacing = _sampled(vertices, faces, tolerance, seconds, name)
+        answer, spacing = _rebuild_on_grid(vertices, faces, tolerance, seconds, name)
         reason = str(error).removesuffix(f"; {_CUT}")
         how = f"rebuilt from its winding number on a grid of {spacing:.3g} mm, as {reason}"
-        account.measures["grid_mm"] = spacing
-    account.notes.append(how)
-    return Repaired(answer["vertices"], answer["faces"], account)
+        log.measures["grid_mm"] = spacing
+    log.notes.append(how)
+    return Repaired(answer["vertices"], answer["faces"], log)
 
 
 _NAMES = ("vertices", "faces")
 _CUT = "in cutting it where it crosses itself"
 
 
-def _prepared(vertices: Floats, faces: Ints, done: Done) -> Surface:
+def _prepare(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
     """Mend what is local, leave out what bounds nothing, and make neighbours agree on their outside."""
-    vertices, faces = mend.mended(vertices, faces, done)
-    vertices, faces = fins_and_walls.without_sheets(vertices, faces, done)
+    vertices, faces = mend.clean_mesh(vertices, faces, done)
+    vertices, faces = fins_and_walls.remove_fins_and_internal_walls(vertices, faces, done)
     turn = triangles.consistent_winding(faces).turn
     done[TURNED] += int(turn.sum())
     return np.ascontiguousarray(vertices), np.ascontiguousarray(triangles.turn_faces(faces, turn))
 
 
-def _filled(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Account]:
+def _fill(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, RepairLog]:
     """Return the surface with its holes filled, but for long ones; a heap of triangles as it is."""
-    account = Account()
+    log = RepairLog()
     share = float((edges_of(faces).uses == 1).mean()) if len(faces) else 0.0
     if share > _TORN:
-        account.notes.append(f"filled no holes, as {share:.0%} of its edges are open")
-        return vertices, faces, account
-    found = holes.filled(vertices, faces)
+        log.notes.append(f"filled no holes, as {share:.0%} of its edges are open")
+        return vertices, faces, log
+    found = holes.fill_holes(vertices, faces)
     count = int(found.patches.max(initial=-1)) + 1
-    account.count(Deed("holes_filled", f"filled {{}} holes with {len(found.patches)} triangles"), count)
-    account.count(_TOO_LONG, found.too_long)
-    return found.vertices, found.faces, account
+    log.count(RepairOp("holes_filled", f"filled {{}} holes with {len(found.patches)} triangles"), count)
+    log.count(_TOO_LONG, found.too_long)
+    return found.vertices, found.faces, log
 
 
-def _closed(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, Account]:
+def _close(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, RepairLog]:
     """Return the surface filled and each piece of it outward; raises `StageError` where it cannot be closed."""
-    vertices, faces, account = _filled(vertices, faces)
+    vertices, faces, log = _fill(vertices, faces)
     left = int((edges_of(faces).net != 0).sum())
     if left:
         raise StageError(f"{left} of its edges stay open")
     faces, turned = _outward(vertices, faces)
-    account.count(_PIECES, turned)
-    return vertices, faces, account
+    log.count(_PIECES, turned)
+    return vertices, faces, log
 
 
 def _outward(vertices: Floats, faces: Ints) -> tuple[Ints, int]:
@@ -136,12 +140,14 @@ def _outward(vertices: Floats, faces: Ints) -> tuple[Ints, int]:
     return triangles.turn_faces(faces, turned[pieces]), int(turned.sum())
 
 
-def _sampled(vertices: Floats, faces: Ints, tolerance: float, seconds: float, name: str) -> tuple[Arrays, float]:
+def _rebuild_on_grid(
+    vertices: Floats, faces: Ints, tolerance: float, seconds: float, name: str
+) -> tuple[Arrays, float]:
     """Return the surface rebuilt on a grid, and the grid's spacing, mm."""
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     spacing = float(np.clip(tolerance / _PER_TOLERANCE, diagonal / _FINEST, diagonal / _COARSEST))
     answer = call_in_child(
-        winding_number.wound_about,
+        winding_number.winding_number_isosurface,
         {"vertices": vertices, "faces": faces},
         {"spacing": spacing},
         seconds=2.0 * seconds,

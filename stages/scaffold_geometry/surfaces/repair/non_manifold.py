@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.edges import Floats, Ints, Surface
-from scaffold_geometry.surfaces.repair.log import Deed, Done
-from scaffold_geometry.surfaces.repair.vertex_splitting import parted
+from scaffold_geometry.surfaces.repair.log import OpCounts, RepairOp
+from scaffold_geometry.surfaces.repair.vertex_splitting import split_non_manifold
 from scaffold_pipeline.errors import StageError
 
-_EDGES = Deed("edges_parted", "parted {} edges where the surface touched itself")
-_VERTICES = Deed("vertices_parted", "parted {} vertices where the surface touched itself")
+_EDGES = RepairOp("edges_parted", "parted {} edges where the surface touched itself")
+_VERTICES = RepairOp("vertices_parted", "parted {} vertices where the surface touched itself")
 
 
-def parted_or_same(vertices: Floats, faces: Ints, done: Done | None = None) -> Surface:
+def try_split_non_manifold(vertices: Floats, faces: Ints, done: OpCounts | None = None) -> Surface:
     """Return a closed surface whose every edge has two faces and every vertex one fan; the same where that fails."""
     faults = triangles.edge_faults(faces)
     if not faults.non_manifold and not triangles.touching_vertices(faces):
@@ -20,7 +20,7 @@ def parted_or_same(vertices: Floats, faces: Ints, done: Done | None = None) -> S
     # Parting goes into the solid, which must be on the inner side.
     is_inverted = float(triangles.piece_volumes(vertices, faces, faces[:, 0] * 0).sum()) < 0.0
     try:
-        found = parted(vertices, faces[:, ::-1] if is_inverted else faces)
+        found = split_non_manifold(vertices, faces[:, ::-1] if is_inverted else faces)
     except StageError:
         return vertices, faces
     if done is not None:

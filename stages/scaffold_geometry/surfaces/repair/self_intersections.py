@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.booleans import from_body, simplified, to_body
+from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 from scaffold_geometry.surfaces.edges import Floats, Ints, Surface
-from scaffold_geometry.surfaces.repair.non_manifold import parted_or_same
-from scaffold_geometry.surfaces.self_intersections import crossing_faces
+from scaffold_geometry.surfaces.repair.non_manifold import try_split_non_manifold
+from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import Arrays
 
@@ -20,12 +20,12 @@ _SIMPLER = 1e-6
 """Share of the greatest coordinate by which the slivers that cutting leaves are merged."""
 
 
-def arranged(vertices: Floats, faces: Ints) -> Arrays:
+def resolve_self_intersections(vertices: Floats, faces: Ints) -> Arrays:
     """Return `vertices` and `faces` of the boundary of all that is wound about at least once; for a child process.
 
     Raises `StageError` where that is not closed and free of crossings once its corners are rounded.
     """
-    whole = _united(vertices, faces)
+    whole = _unite(vertices, faces)
     said = _fault(*whole)
     if said:
         raise StageError(f"what is left when it is cut where it crosses itself {said}")
@@ -33,7 +33,7 @@ def arranged(vertices: Floats, faces: Ints) -> Arrays:
     return {"vertices": simpler[0], "faces": simpler[1]}
 
 
-def _united(vertices: Floats, faces: Ints) -> Surface:
+def _unite(vertices: Floats, faces: Ints) -> Surface:
     from igl.copyleft import cgal
 
     nothing = np.empty((0, 3)), np.empty((0, 3), np.int64)
@@ -45,7 +45,7 @@ def _united(vertices: Floats, faces: Ints) -> Surface:
         raise StageError(f"it cannot be cut where it crosses itself ({error})") from error
     if not len(corners):
         raise StageError("it winds about nothing")
-    return parted_or_same(*_in_order(new, np.asarray(corners, np.int64)))
+    return try_split_non_manifold(*_in_order(new, np.asarray(corners, np.int64)))
 
 
 def _in_order(vertices: Floats, faces: Ints) -> Surface:
@@ -61,7 +61,7 @@ def _in_order(vertices: Floats, faces: Ints) -> Surface:
 
 def without_slivers(vertices: Floats, faces: Ints, tolerance: float) -> Surface:
     """Return a closed surface with fewer triangles, moved by about `tolerance` at most; the same if spoilt."""
-    simpler = from_body(simplified(to_body(vertices, faces, "the rebuilt surface"), tolerance))
+    simpler = from_manifold(simplify_manifold(to_manifold(vertices, faces, "the rebuilt surface"), tolerance))
     return (vertices, faces) if _fault(*simpler) else simpler
 
 
@@ -74,5 +74,5 @@ def _fault(vertices: Floats, faces: Ints) -> str:
     touching = triangles.touching_vertices(corners)
     if touching:
         return f"touches itself at {touching} vertices"
-    crossing = len(crossing_faces(places, corners)["faces"])
+    crossing = len(find_self_intersections(places, corners)["faces"])
     return f"has {crossing} triangles that cross others" if crossing else ""

@@ -33,7 +33,7 @@ _ROUNDS = 8
 """Rounds of cutting edges; each serves one edge of each face, and a face has three."""
 
 
-class Parted(NamedTuple):
+class SplitSurface(NamedTuple):
     """The surface parted, how many vertices and edges it touched itself at, and the farthest a vertex went."""
 
     vertices: Floats
@@ -51,7 +51,7 @@ class _Fan(NamedTuple):
     shortest: float
 
 
-def parted(vertices: Floats, faces: Ints) -> Parted:
+def split_non_manifold(vertices: Floats, faces: Ints) -> SplitSurface:
     """Return the surface with a vertex for each fan, those of one place moved apart into the solid.
 
     Four faces at an edge are paired across the solid between them, so that the solid comes apart. Raises `StageError`
@@ -62,18 +62,18 @@ def parted(vertices: Floats, faces: Ints) -> Parted:
     for _ in range(_ROUNDS):
         partner = _partners(places, faces)
         fans = _fans(faces, partner)
-        doubled = _doubled(fans, partner)
+        doubled = _find_double_edges(fans, partner)
         if not len(doubled):
             break
-        places, faces = _cut(places, faces, doubled, partner)
+        places, faces = _split_edges(places, faces, doubled, partner)
     owner = np.zeros(int(fans.max()) + 1, dtype=np.int64)
     owner[fans.ravel()] = faces.ravel()
     is_shared = np.bincount(owner, minlength=len(places))[owner] > 1
     is_shared |= owner >= len(vertices)  # a cut edge's middles lie in one place, too
     place = np.unique(places[owner], axis=0, return_inverse=True)[1].ravel()
-    moved, farthest = _moved_apart(places[owner], fans, np.flatnonzero(is_shared), place)
+    moved, farthest = _move_apart(places[owner], fans, np.flatnonzero(is_shared), place)
     touching = int((np.bincount(owner[owner < len(vertices)]) > 1).sum())
-    return Parted(moved, fans, touching, touching_edges, farthest)
+    return SplitSurface(moved, fans, touching, touching_edges, farthest)
 
 
 def _heads(faces: Ints) -> Ints:
@@ -100,12 +100,12 @@ def _partners(vertices: Floats, faces: Ints) -> Ints:
     partner[order[pairs]], partner[order[pairs + 1]] = order[pairs + 1], order[pairs]
     for start, size in zip(starts[sizes != 2], sizes[sizes != 2], strict=True):  # noqa: PLR2004
         around = order[start : start + size]
-        one, other = _paired(vertices, faces, around)
+        one, other = _pair_half_edges(vertices, faces, around)
         partner[one], partner[other] = other, one
     return partner
 
 
-def _paired(vertices: Floats, faces: Ints, around: Ints) -> tuple[Ints, Ints]:
+def _pair_half_edges(vertices: Floats, faces: Ints, around: Ints) -> tuple[Ints, Ints]:
     """Pair the half-edges of one edge, each with that of the face across the solid."""
     tails, heads = faces.ravel()[around], _heads(faces)[around]
     low, high = vertices[min(tails[0], heads[0])], vertices[max(tails[0], heads[0])]
@@ -136,14 +136,14 @@ def _fans(faces: Ints, partner: Ints) -> Ints:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64).reshape(-1, 3)
 
 
-def _doubled(fans: Ints, partner: Ints) -> Ints:
+def _find_double_edges(fans: Ints, partner: Ints) -> Ints:
     """Return half-edges, one of each pair, whose edge has four faces though its ends are fans of their own."""
     _, edge, uses = np.unique(_edge_keys(fans), return_inverse=True, return_counts=True)
     half_edges = np.arange(fans.size)
     return np.flatnonzero((uses[edge] > 2) & (half_edges < partner))  # noqa: PLR2004
 
 
-def _cut(vertices: Floats, faces: Ints, doubled: Ints, partner: Ints) -> tuple[Floats, Ints]:
+def _split_edges(vertices: Floats, faces: Ints, doubled: Ints, partner: Ints) -> tuple[Floats, Ints]:
     """Cut edges in the middle, each with a vertex of its own, and their faces in two; at most one edge of a face."""
     taken = np.zeros(len(faces), dtype=bool)
     cut = []
@@ -162,7 +162,7 @@ def _cut(vertices: Floats, faces: Ints, doubled: Ints, partner: Ints) -> tuple[F
     return np.concatenate([vertices, middles]), np.concatenate([kept, np.column_stack([hub, follower, opposite])])
 
 
-def _moved_apart(vertices: Floats, faces: Ints, which: Ints, place: Ints) -> tuple[Floats, float]:
+def _move_apart(vertices: Floats, faces: Ints, which: Ints, place: Ints) -> tuple[Floats, float]:
     """Return the vertices with those of `which` moved to the side where no other of their `place` is, and the farthest.
 
     One at a place may stay: the others go away from it.

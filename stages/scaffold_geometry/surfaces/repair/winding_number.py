@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.edges import Floats, Ints, Mask
 from scaffold_geometry.surfaces.repair.self_intersections import without_slivers
-from scaffold_geometry.surfaces.self_intersections import crossing_faces
-from scaffold_geometry.voxels.grids import grid_over, grown
-from scaffold_geometry.voxels.iso_surface import iso_surface
+from scaffold_geometry.surfaces.self_intersections import find_self_intersections
+from scaffold_geometry.voxels.grids import dilate, grid_over
+from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import Arrays
 
@@ -34,7 +34,7 @@ _PULLS = 6
 """Tries to put the vertices onto the triangles; each leaves out those whose faces would cross."""
 
 
-def wound_about(vertices: Floats, faces: Ints, spacing: float) -> Arrays:
+def winding_number_isosurface(vertices: Floats, faces: Ints, spacing: float) -> Arrays:
     """Return `vertices` and `faces` of the boundary of the winding number above one half; for a child process.
 
     The surface is closed and manifold. Vertices within a spacing of a triangle are put onto it.
@@ -42,10 +42,10 @@ def wound_about(vertices: Floats, faces: Ints, spacing: float) -> Arrays:
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
     origin, shape = grid_over(bounds, spacing, _COARSE)
     samples = _samples(vertices, faces, origin, spacing, shape)
-    points, corners = iso_surface(samples, 0.0, origin, spacing)
+    points, corners = extract_iso_surface(samples, 0.0, origin, spacing)
     if not len(corners):
         raise StageError("its triangles wind about nothing")
-    points = _pulled(points, corners, vertices, faces, spacing)
+    points = _project_to_surface(points, corners, vertices, faces, spacing)
     points, corners = without_slivers(points, corners, _SIMPLER * spacing)
     return {"vertices": points, "faces": corners}
 
@@ -58,10 +58,10 @@ def _samples(
 
     coarse_shape = tuple(-(-(count - 1) // _COARSE) + 1 for count in shape)
     places = origin + spacing * _COARSE * np.moveaxis(np.indices(coarse_shape), 0, -1).reshape(-1, 3)
-    winding, distance = (found.reshape(coarse_shape) for found in _looked(vertices, faces, places))
+    winding, distance = (found.reshape(coarse_shape) for found in _winding_and_distance(vertices, faces, places))
     reach = 2.0 * _COARSE * spacing
     is_unsure = (np.abs(winding - 0.5) < _SURE) | (distance < reach)
-    is_close = np.kron(grown(is_unsure, 1), np.ones((_COARSE,) * 3, bool))[tuple(slice(count) for count in shape)]
+    is_close = np.kron(dilate(is_unsure, 1), np.ones((_COARSE,) * 3, bool))[tuple(slice(count) for count in shape)]
     samples = np.empty(shape, np.float32)
     for layer in range(shape[0]):
         grid = np.stack(np.meshgrid([layer], np.arange(shape[1]), np.arange(shape[2]), indexing="ij")) / _COARSE
@@ -69,13 +69,13 @@ def _samples(
         samples[layer] = _SLOPE * spacing * (rough - 0.5)
     near = np.argwhere(is_close)
     for some in np.array_split(near, -(-len(near) // 1_000_000) or 1):
-        winding, distance = _looked(vertices, faces, origin + spacing * some)
+        winding, distance = _winding_and_distance(vertices, faces, origin + spacing * some)
         height = np.minimum(distance, _SLOPE * spacing * np.abs(winding - 0.5))
         samples[tuple(some.T)] = np.where(winding > 0.5, height, -height)  # noqa: PLR2004 - halfway in
     return samples
 
 
-def _looked(vertices: Floats, faces: Ints, places: Floats) -> tuple[Floats, Floats]:
+def _winding_and_distance(vertices: Floats, faces: Ints, places: Floats) -> tuple[Floats, Floats]:
     """Return the winding number at places (k, 3), and the distance to the nearest triangle."""
     import igl
 
@@ -83,7 +83,7 @@ def _looked(vertices: Floats, faces: Ints, places: Floats) -> tuple[Floats, Floa
     return np.asarray(igl.fast_winding_number(vertices, faces, places)), np.sqrt(squared)
 
 
-def _pulled(points: Floats, corners: Ints, vertices: Floats, faces: Ints, spacing: float) -> Floats:
+def _project_to_surface(points: Floats, corners: Ints, vertices: Floats, faces: Ints, spacing: float) -> Floats:
     """Return the points put onto the nearest triangle within a spacing, but for those that would make faces cross."""
     import igl
 
@@ -92,7 +92,7 @@ def _pulled(points: Floats, corners: Ints, vertices: Floats, faces: Ints, spacin
     for _ in range(_PULLS):
         moved = np.where(is_pulled[:, None], nearest, points)
         bad = triangles.flat_faces(moved, corners)
-        bad[crossing_faces(moved, corners)["faces"]] = True
+        bad[find_self_intersections(moved, corners)["faces"]] = True
         if not bad.any():
             return moved
         is_bad = np.zeros(len(points), bool)

@@ -35,7 +35,7 @@ def _across(octant: tuple[int, ...], axis: int) -> tuple[int, ...]:
     return tuple(1 if i == axis else side for i, side in enumerate(octant))
 
 
-def mended(cubes: Mask, depths: Floats, shallowest: float) -> Mask:
+def make_core_manifold(cubes: Mask, depths: Floats, shallowest: float) -> Mask:
     """Return the cubes with some added or removed so that every corner has a way out.
 
     At each corner without one its deepest free cube is added, by `depths`; where none is as deep as `shallowest`, its

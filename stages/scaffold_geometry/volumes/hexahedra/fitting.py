@@ -16,7 +16,7 @@ from scaffold_geometry.volumes import lattices
 from scaffold_geometry.volumes.cells import faces as faces_of
 from scaffold_geometry.volumes.hexahedra import cores
 from scaffold_geometry.volumes.hexahedra.overlaps import Mask
-from scaffold_geometry.voxels.grids import grid_over, grown, samples_inside
+from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
 
 _DEPTH, _SHALLOWEST = -0.1, -0.5
 """Least depth of a cube's centre below the surface, in cubes, to belong to the core, and to mend its boundary.
@@ -65,7 +65,7 @@ class Coated(NamedTuple):
     inner: int
 
 
-def fitted(vertices: Floats, faces: Ints, size: float) -> tuple[Floats, Ints, int] | None:
+def fit_hexahedra(vertices: Floats, faces: Ints, size: float) -> tuple[Floats, Ints, int] | None:
     """Return vertices (n, 3) and hexahedra (m, 8) of edges of some `size` mm, and how many vertices are within.
 
     The others are the boundary's. No cell is inverted; a boundary vertex that would invert one stays off the surface.
@@ -76,12 +76,12 @@ def fitted(vertices: Floats, faces: Ints, size: float) -> tuple[Floats, Ints, in
     origin, doubled = grid_over(bounds, 2.0 * size, 1)
     shape = (2 * doubled[0] - 2, 2 * doubled[1] - 2, 2 * doubled[2] - 2)
     depths = _depths(vertices, faces, origin, size, shape)
-    core = cores.mended(depths >= _DEPTH, depths, _SHALLOWEST)
+    core = cores.make_core_manifold(depths >= _DEPTH, depths, _SHALLOWEST)
     if not core.any():
         return None
-    coated = _coated(core)
+    coated = _coat_core(core)
     start = origin + size * coated.places
-    return _relaxed(start, coated, (vertices, faces), size), coated.cells, coated.inner
+    return _relax(start, coated, (vertices, faces), size), coated.cells, coated.inner
 
 
 def _depths(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: tuple[int, int, int]) -> Floats:
@@ -89,7 +89,7 @@ def _depths(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: t
     import igl
 
     inside = samples_inside(vertices, faces, origin + size / 2.0, size, shape)
-    near = grown(inside, 1)
+    near = dilate(inside, 1)
     centres = origin + size * (np.argwhere(near) + 0.5)
     squared, _, _ = igl.point_mesh_squared_distance(centres, vertices, faces)
     depths = np.full(shape, -np.inf)
@@ -97,7 +97,7 @@ def _depths(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: t
     return depths
 
 
-def _coated(core: Mask) -> Coated:
+def _coat_core(core: Mask) -> Coated:
     """Return the core's cubes with a cell on each face of its boundary, a little way out."""
     lattice, cubes = lattices.on_lattice(np.argwhere(core), lattices.HEXAHEDRON)
     quadrangles = faces_of({"hexahedron": cubes}).quadrangles
@@ -113,7 +113,7 @@ def _coated(core: Mask) -> Coated:
     )
 
 
-def _relaxed(start: Floats, coated: Coated, surface: tuple[Floats, Ints], size: float) -> Floats:
+def _relax(start: Floats, coated: Coated, surface: tuple[Floats, Ints], size: float) -> Floats:
     """Return the vertices moved so that cells come near to cubes and the boundary onto the surface."""
     from scaffold_geometry.volumes.hexahedra.quality import least_jacobians, sweep
 
@@ -127,7 +127,7 @@ def _relaxed(start: Floats, coated: Coated, surface: tuple[Floats, Ints], size: 
     moved = start.copy()
     for round_ in range(_SWEEPS):
         quality = least_jacobians(moved, cells)
-        targets, is_bound = _squared(moved, cells, quality, size), np.ones(count, bool)
+        targets, is_bound = _target_positions(moved, cells, quality, size), np.ones(count, bool)
         if round_ % _RELEASE == _RELEASE - 1 and round_ < _SWEEPS - _LAST:
             is_bound[cells[quality < _POOR]] = False
         pushed = targets[outer] + _PUSH * size * _outward(moved, coated)
@@ -159,7 +159,7 @@ def nearest(points: Floats, surface: tuple[Floats, Ints]) -> Floats:
     return np.asarray(found, np.float64)
 
 
-def _squared(vertices: Floats, cells: Ints, quality: Floats, size: float) -> Floats:
+def _target_positions(vertices: Floats, cells: Ints, quality: Floats, size: float) -> Floats:
     """Return where each vertex is wanted, (n, 3): the mean of its places in the cubes nearest to its cells.
 
     Each cell's cube has its centre, the rotation that fits best (W. Kabsch, Acta Crystallographica A32 (1976) 922) and
