@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolate
 from scaffold_geometry.fields.mesh_field import MeshField, sample_mesh_field
 from scaffold_geometry.fields.sampling import SamplingParams, Voxels
-from scaffold_pipeline.artifacts import CellMesh, Fact, Floats, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import CellMesh, Fact, OuterShape, ScalarField
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.stages.contract import Unit, stage
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces.triangles import drop_unreferenced, face_pieces, flat_faces, piece_volumes
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface
+from scaffold_pipeline.artifacts import Fact, IsoSurface
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import Arrays, call_in_child
 from scaffold_pipeline.stages.contract import Millimetres, Params, Share, stage

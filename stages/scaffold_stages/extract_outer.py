@@ -7,11 +7,12 @@ from typing import Literal
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import self_intersections, triangles
 from scaffold_geometry.surfaces.repair import vertex_splitting
 from scaffold_geometry.volumes import cells, lattices
 from scaffold_geometry.volumes.boundary import boundary_triangles
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, OuterShape, VolumeMesh
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Params, stage

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Contour, Fact, Floats, Solid
+from scaffold_geometry.arrays import Floats
+from scaffold_pipeline.artifacts import Contour, Fact, Solid
 from scaffold_pipeline.stages.contract import Millimetres, Params, stage
 
 

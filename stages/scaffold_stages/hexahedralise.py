@@ -9,13 +9,14 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.volumes import cells, lattices
 from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_geometry.volumes.hexahedra import fitting
 from scaffold_geometry.volumes.hexahedra.overlaps import cubes_met
 from scaffold_geometry.voxels.grids import grid_over
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, OuterShape, VolumeMesh
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.memory import available_memory
 from scaffold_pipeline.stages.contract import Millimetres, Params, stage

@@ -6,9 +6,9 @@ from typing import Literal
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.files import surfaces
 from scaffold_geometry.surfaces import self_intersections, triangles
-from scaffold_geometry.surfaces.triangles import Floats, Ints
 from scaffold_pipeline.artifacts import Fact, Metrics
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.voxels.grids import samples_inside
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, IsoSurface, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import Fact, IsoSurface, OuterShape, ScalarField
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.stages.contract import Follows, Millimetres, Params, Share, Unit, stage
 

@@ -8,8 +8,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from scaffold_geometry.volumes.jitter import Mask, random_steps, sound_move
-from scaffold_pipeline.artifacts import Floats, Ints, VolumeMesh
+from scaffold_geometry.arrays import Bools, Floats, Ints
+from scaffold_geometry.volumes.jitter import random_steps, sound_move
+from scaffold_pipeline.artifacts import VolumeMesh
 from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.stages.contract import Params, Unit, stage
 
@@ -60,17 +61,17 @@ def _boundary_triangles(mesh: VolumeMesh) -> Ints:
     return np.asarray(np.concatenate([outer[:, :3], quadrangles[:, [0, 2, 3]]]), np.int64)
 
 
-def _boundary_vertices(mesh: VolumeMesh) -> Mask:
+def _boundary_vertices(mesh: VolumeMesh) -> Bools:
     is_boundary = np.zeros(len(mesh.vertices), bool)
     is_boundary[_boundary_triangles(mesh)] = True
     return is_boundary
 
 
-def _slider(mesh: VolumeMesh) -> Callable[[Mask, Floats], Floats]:
+def _slider(mesh: VolumeMesh) -> Callable[[Bools, Floats], Floats]:
     """Return what brings those vertices of the boundary that move back to it."""
     sliding, boundary = _boundary_vertices(mesh), _boundary_triangles(mesh)
 
-    def settle(changed: Mask, moved: Floats) -> Floats:
+    def settle(changed: Bools, moved: Floats) -> Floats:
         on_surface = changed & sliding
         moved[on_surface] = _on_boundary(mesh, boundary, on_surface, moved[on_surface])
         return moved
@@ -78,7 +79,7 @@ def _slider(mesh: VolumeMesh) -> Callable[[Mask, Floats], Floats]:
     return settle
 
 
-def _on_boundary(mesh: VolumeMesh, boundary: Ints, which: Mask, wanted: Floats) -> Floats:
+def _on_boundary(mesh: VolumeMesh, boundary: Ints, which: Bools, wanted: Floats) -> Floats:
     """Return the boundary's points nearest to where its vertices `which` want to go, (k, 3), no farther than that.
 
     About a notch the nearest point can be farther from the start than the one wanted, up to twice: then half the way

@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.volumes.jitter import random_steps, sound_move
-from scaffold_pipeline.artifacts import Floats, PlanarMesh
+from scaffold_pipeline.artifacts import PlanarMesh
 from scaffold_pipeline.artifacts.cells import distinct_rows, faces_of_cells
 from scaffold_pipeline.stages.contract import Params, Unit, stage
 

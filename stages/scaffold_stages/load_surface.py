@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.files import surfaces
 from scaffold_geometry.files.inputs import warn_of_odd_size
 from scaffold_geometry.surfaces import self_intersections, triangles
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from scaffold_geometry.files.surfaces import SurfaceFile
-    from scaffold_geometry.surfaces.edges import Floats, Ints, Surface
+    from scaffold_geometry.surfaces.edges import Surface
 
 _BY_HAND = "mend it, for instance in MeshLab or Blender, and load it again"
 _REMEDIES = {

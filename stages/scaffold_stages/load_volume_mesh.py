@@ -8,12 +8,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.arrays import Bools, Floats
 from scaffold_geometry.files.inputs import warn_of_odd_size
 from scaffold_geometry.files.surfaces import MILLIMETRES
 from scaffold_geometry.files.volumes.reading import VolumeFile, read_volume
 from scaffold_geometry.volumes import boundary, cells
-from scaffold_geometry.volumes.cells import Cells, Faces, Mask
-from scaffold_pipeline.artifacts import Fact, Floats, VolumeMesh
+from scaffold_geometry.volumes.cells import Cells, Faces
+from scaffold_pipeline.artifacts import Fact, VolumeMesh
 from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.stages.contract import InputFile, Params, Unit, stage
@@ -147,7 +148,7 @@ def _clean(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tuple
     return kept, turned
 
 
-def _without(given: Cells, bad: Mask, said: str, notes: list[str]) -> Cells:
+def _without(given: Cells, bad: Bools, said: str, notes: list[str]) -> Cells:
     _note(notes, int(bad.sum()), said)
     return cells.chosen(given, ~bad)
 

@@ -7,9 +7,10 @@ from typing import Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces.polyhedra import icosahedron
 from scaffold_geometry.volumes import lattices
-from scaffold_pipeline.artifacts import Floats, Ints, VolumeMesh
+from scaffold_pipeline.artifacts import VolumeMesh
 from scaffold_pipeline.stages.contract import Params, Unit, stage
 
 Cells: TypeAlias = tuple[Floats, Ints]

@@ -7,7 +7,8 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from scaffold_pipeline.artifacts import Floats, Ints, PlanarMesh
+from scaffold_geometry.arrays import Floats, Ints
+from scaffold_pipeline.artifacts import PlanarMesh
 from scaffold_pipeline.stages.contract import Millimetres, Params, Unit, stage
 
 Tile = tuple[int, int, int]

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import numpy as np
 from pydantic import Field, model_validator
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.polyhedra import icosahedron
-from scaffold_geometry.surfaces.triangles import Floats, Ints
 from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import Millimetres, Params, Unit, stage

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.measures.facts import connectivity_facts, surface_facts, to_place, transport_facts
 from scaffold_geometry.measures.gates import GateParams, failed_gates, gates_not_applied, to_number
 from scaffold_geometry.measures.printability.rules import PrintRules
 from scaffold_pipeline.artifacts import (
     Fact,
-    Floats,
     IsoSurface,
     Metrics,
     OuterShape,

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from scaffold_geometry.voxels.grids import Bools, samples_inside
+from scaffold_geometry.arrays import Bools
+from scaffold_geometry.voxels.grids import samples_inside
 from scaffold_pipeline.artifacts import Certificate, Fact, Metrics, OuterShape, ScalarField
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import Params, Share, Unit, stage

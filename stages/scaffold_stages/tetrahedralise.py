@@ -11,8 +11,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.volumes.ftetwild import run_ftetwild
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, OuterShape, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, OuterShape, VolumeMesh
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Millimetres, Params, Unit, stage

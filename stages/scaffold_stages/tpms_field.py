@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.fields.sampling import SamplingParams, Voxels, voxels_over
 from scaffold_geometry.files.points import read_points
-from scaffold_pipeline.artifacts import Floats, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import OuterShape, ScalarField
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import Millimetres, Params, Share, Unit, stage
 

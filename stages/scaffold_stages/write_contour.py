@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from scaffold_pipeline.artifacts import Contour, Fact, Floats, WrittenFiles
+from scaffold_geometry.arrays import Floats
+from scaffold_pipeline.artifacts import Contour, Fact, WrittenFiles
 from scaffold_pipeline.run.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, Params, Title, Unit, stage
 

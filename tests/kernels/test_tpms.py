@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scaffold_geometry.fields.tpms import SURFACES, Floats, levels_at, sheet_of
+from scaffold_geometry.arrays import Floats
+from scaffold_geometry.fields.tpms import SURFACES, levels_at, sheet_of
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 
 PI = np.pi

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from scaffold_geometry.arrays import Ints
 from scaffold_geometry.files.solids.finite_elements import WRITERS, require_read_back
 from scaffold_geometry.surfaces.booleans import from_manifold, to_manifold
 from scaffold_geometry.volumes import tetrahedra as module
 from scaffold_geometry.volumes.tetrahedra import default_edge, quality
-from scaffold_pipeline.artifacts import Ints, Solid, VolumeMesh
+from scaffold_pipeline.artifacts import Solid, VolumeMesh
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_stages.mesh_solid import MeshSolidParams, mesh_solid
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.isolation import call_in_child
 
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
     import pyvista
 
 Image: TypeAlias = NDArray[np.uint8]
-Floats: TypeAlias = NDArray[np.float64]
 
 RENDER_SECONDS = 300.0
 """Time for a picture; one of 8 million triangles takes half a minute on two busy cores, without a GPU."""

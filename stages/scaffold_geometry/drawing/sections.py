@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.drawing.renders import round_length
 from scaffold_geometry.surfaces.booleans import to_manifold
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Rings = list[Floats]
 
 AXES = "xyz"

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.jit import parallel_kernel, prange
 
-Floats = NDArray[np.float64]
 FieldAt = Callable[[Floats], Floats]
 """Gives the field at points (n, 3), (n,)."""
 

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats
 from scaffold_geometry.fields.interpolant_sums import fill_points, fill_rows
 from scaffold_geometry.fields.radial_bases import BASES, radial_basis, scale_of, shift_of
 from scaffold_geometry.fields.segment_distances import (
@@ -30,8 +31,6 @@ from scaffold_geometry.jit import kernel, parallel_kernel, prange, spread
 if TYPE_CHECKING:
     from scaffold_geometry.fields.skeleton import Skeleton
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 _MATRICES_AT_ONCE = 3  # the system, the eigensolver's copy of it and the eigenvectors
 _VECTORS_AT_ONCE = 50  # LAPACK's workspace

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.fields.radial_bases import (
     GAUSSIAN,
     INVERSE_MULTIQUADRIC,
@@ -24,10 +25,6 @@ from scaffold_geometry.fields.radial_bases import (
 )
 from scaffold_geometry.fields.segment_distances import squared_in_frame
 from scaffold_geometry.jit import kernel, parallel_kernel, prange
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 LANES = 16
 """Points that are summed at once, always as many: none is a remainder, and loops over them become whole vectors."""

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.fields.mesh_field import MeshField
 from scaffold_geometry.fields.sampling import Voxels
-from scaffold_pipeline.artifacts import Fact, Floats
+from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.memory import available_memory
 

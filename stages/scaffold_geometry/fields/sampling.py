@@ -10,8 +10,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from scaffold_geometry.voxels.grids import Bools, dilate, grid_over, samples_inside
-from scaffold_pipeline.artifacts import Floats, OuterShape
+from scaffold_geometry.arrays import Bools, Floats
+from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
+from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.memory import available_memory
 from scaffold_pipeline.stages.contract import Follows, InputFile, Millimetres, Params, Unit

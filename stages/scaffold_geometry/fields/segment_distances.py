@@ -6,11 +6,9 @@ Points are three scalars, segments six: the start's, then the end's.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.jit import kernel
-
-Floats = NDArray[np.float64]
 
 ENDPOINT, ENDPOINT_TO_SEGMENT, EXACT = range(3)
 

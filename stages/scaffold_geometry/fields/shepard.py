@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.jit import kernel, parallel_kernel, prange, spread
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.memory import available_memory
@@ -29,8 +30,6 @@ from scaffold_pipeline.processes.memory import available_memory
 if TYPE_CHECKING:
     from scaffold_geometry.fields.skeleton import Skeleton
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 Power = tuple[None, ...]
 """p / 2 as so many Nones: a length is part of a type, so that each has machine code of its own without a branch."""

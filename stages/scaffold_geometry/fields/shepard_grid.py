@@ -20,12 +20,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints, Singles
 from scaffold_geometry.fields.shepard import FAST, LEAST_SHAPE, SLACK, Bins, Power, Segments, quotient, weight
 from scaffold_geometry.jit import kernel, parallel_kernel, prange, spread
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
-Ints = NDArray[np.int64]
 
 TILE = 16
 """Samples along each edge of a tile."""

@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_pipeline.artifacts.cells import CELL_TYPES, corner_turns, distinct_rows, edges_of_cells, faces_of_cells
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,12 +11,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Singles
 from scaffold_geometry.fields.sampling import Voxels
 from scaffold_geometry.fields.shepard import Segments, bin_segments
 from scaffold_geometry.fields.shepard_grid import TILE, field_on_tiles
-from scaffold_geometry.voxels.grids import Bools
-
-Singles = NDArray[np.float32]
 
 VOXELS_AT_ONCE = 2**24
 """Voxels of a slab, about: seconds of work, and 80 MB that travel."""

@@ -13,9 +13,9 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy import cos, sin
-from numpy.typing import NDArray
 
-Floats: TypeAlias = NDArray[np.float64]
+from scaffold_geometry.arrays import Floats
+
 Surface: TypeAlias = Callable[[Floats, Floats, Floats], Floats]
 
 _SAMPLES = 64

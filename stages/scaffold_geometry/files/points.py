@@ -6,11 +6,9 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats
 from scaffold_pipeline.errors import StageError
-
-Floats = NDArray[np.float64]
 
 
 def read_points(path: Path) -> Floats:

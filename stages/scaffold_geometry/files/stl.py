@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.surfaces.merge_corners import Singles, merge_corners, to_single
+from scaffold_geometry.arrays import Singles
+from scaffold_geometry.surfaces.merge_corners import merge_corners, to_single
 from scaffold_pipeline.errors import StageError
 
 _HEADER_BYTES = 80

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.files.inputs import reader_of
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
@@ -21,8 +22,6 @@ from scaffold_pipeline.processes.isolation import call_in_child
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
 
 MILLIMETRES = {"micron": 1e-3, "mm": 1.0, "cm": 10.0, "inch": 25.4, "foot": 304.8, "m": 1000.0}
 """How many mm each unit is."""

@@ -14,9 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, Floats, Ints, VoxelImage
-
-Singles = NDArray[np.float32]
+from scaffold_geometry.arrays import Floats, Ints, Singles
+from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 
 REACHES = (0.5, 0.9, 0.99)
 """Shares of the pore volume whose throats are looked for."""

@@ -5,12 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.measures.projections import projected_areas
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _DIRECTIONS = 1000
 """Directions of lines: so many that those of a cube's walls, the farthest from an ellipsoid's, have degree 0.002."""

@@ -13,13 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Ints, Singles
 from scaffold_geometry.jit import kernel, parallel_kernel, prange
-
-Ints = NDArray[np.int64]
-Singles = NDArray[np.float32]
-Bools = NDArray[np.bool_]
 
 _LAYERS = 16
 """Layers of the image that a thread paints at a time."""

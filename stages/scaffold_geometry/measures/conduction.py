@@ -9,13 +9,10 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Indices
 from scaffold_pipeline.errors import StageError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int32]
-Bools = NDArray[np.bool_]
 Links = tuple[Floats, Floats, Floats]
 
 _TOLERANCE = 1e-6
@@ -71,7 +68,7 @@ def flow_through(cells: Bools, links: Links, axis: int) -> float:
     return float((inflow * (1.0 - potentials)).sum())
 
 
-def _equations(cells: Bools, links: Links, axis: int) -> tuple[Floats, Ints, Floats]:
+def _equations(cells: Bools, links: Links, axis: int) -> tuple[Floats, Indices, Floats]:
     """Return the coefficients of each cell's balance, (n, 7), their columns, (n, 7), and the inflow at potential 0.
 
     A row's columns ascend: the neighbours before along x, y, z, the cell itself, those after along z, y, x. Links of
@@ -95,7 +92,7 @@ def _equations(cells: Bools, links: Links, axis: int) -> tuple[Floats, Ints, Flo
     return values, columns, inflow
 
 
-def _on_one_side(numbers: Ints, link: Floats, direction: int, *, before: bool) -> tuple[Floats, Ints]:
+def _on_one_side(numbers: Indices, link: Floats, direction: int, *, before: bool) -> tuple[Floats, Indices]:
     """Return of each cell the conductance to its neighbour before or after along `direction`, and its number."""
     conductance, neighbour = np.zeros(numbers.shape), np.full(numbers.shape, _NO_CELL, np.int32)
     here, there = (slice(1, None), slice(None, -1)) if before else (slice(None, -1), slice(1, None))

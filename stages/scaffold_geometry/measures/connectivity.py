@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Ints = NDArray[np.int64]
+from scaffold_geometry.arrays import Ints
 
 
 class Connectivity(NamedTuple):

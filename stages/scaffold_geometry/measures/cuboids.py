@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Ints
 from scaffold_geometry.jit import kernel
-
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 
 @kernel

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.voxels.image import VoxelImage
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, SurfaceMesh
+from scaffold_pipeline.artifacts import Fact, SurfaceMesh
 
 
 def connectivity_facts(faces: Ints, pieces: int, cavities: int, total_volume: float) -> dict[str, Fact]:

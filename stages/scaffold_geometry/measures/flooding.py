@@ -10,10 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Ints, Singles
 from scaffold_geometry.jit import kernel
-
-Ints = NDArray[np.int64]
-Singles = NDArray[np.float32]
 
 _NONE = -1
 

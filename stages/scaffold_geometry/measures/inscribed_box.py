@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.measures.cuboids import largest_cuboid
 from scaffold_geometry.voxels.image import OUTSIDE, VoxelImage
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 _BLOCKS = 128
 """Blocks along the longest side of an image among which the largest box is sought."""

@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.voxels.image import Bools, Floats, VoxelImage
-
-Singles = NDArray[np.float32]
+from scaffold_geometry.arrays import Bools, Floats, Singles
+from scaffold_geometry.voxels.image import VoxelImage
 
 PERCENTILES = (5.0, 25.0, 75.0, 95.0)
 

@@ -11,8 +11,8 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints, Singles
 from scaffold_geometry.measures.accessibility import Accessibility, accessibility, reachable_share
 from scaffold_geometry.measures.facts import to_place
 from scaffold_geometry.measures.local_thickness import (
@@ -26,10 +26,8 @@ from scaffold_geometry.measures.local_thickness import (
 )
 from scaffold_geometry.voxels.image import PORE, STRUT, VoxelImage
 from scaffold_geometry.voxels.voxelising import finest_spacing, voxelise
-from scaffold_pipeline.artifacts import Curve, Fact, Floats, Histogram, Ints, SurfaceMesh
+from scaffold_pipeline.artifacts import Curve, Fact, Histogram, SurfaceMesh
 from scaffold_pipeline.errors import PipelineWarning
-
-Singles = NDArray[np.float32]
 
 MOST_VOXELS = 512**3
 """Voxels of an image at most: thickness and ways in need 2 GB of memory for so many."""

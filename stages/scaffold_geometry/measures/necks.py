@@ -12,13 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Indices, Ints, Singles
 from scaffold_geometry.jit import kernel
-
-Ints = NDArray[np.int64]
-Indices = NDArray[np.int32]
-Singles = NDArray[np.float32]
 
 _RISE, _FACTOR = 1.0, 1.1
 """A part's greatest ball exceeds the neck's in radius by a voxel and by a tenth: what lies below is roughness."""

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.jit import parallel_kernel, prange
-
-Floats = NDArray[np.float64]
 
 
 @parallel_kernel

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from scaffold_geometry.arrays import Floats, Ints
 
 if TYPE_CHECKING:
     from scaffold_geometry.fields.skeleton import Skeleton
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _SAMPLES = 9
 """Points along each axis, both ends included."""

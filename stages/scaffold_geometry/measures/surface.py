@@ -5,13 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces.triangles import face_areas
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 Surface = tuple[Floats, Ints]
 
 _TRIANGLES = 2_000_000

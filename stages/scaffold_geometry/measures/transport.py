@@ -5,14 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats
 from scaffold_geometry.measures.conduction import flow_through, links_between
 from scaffold_geometry.measures.inscribed_box import InscribedBox, inscribed_box
 from scaffold_geometry.voxels.image import PORE, VoxelImage
-
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 
 class AxisTransport(NamedTuple):

@@ -9,15 +9,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces.triangles import drop_unreferenced, piece_volumes, winding_number
 from scaffold_geometry.voxels.offset import offset_inward
 from scaffold_pipeline.errors import StageError
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Manifold = Any
 """A `manifold3d.Manifold`, which has no type information."""
 
@@ -39,7 +36,7 @@ class Shells:
         """The number of the greatest piece."""
         return int(np.argmax(self.volumes))
 
-    def mesh_of(self, is_wanted: Mask) -> tuple[Floats, Ints]:
+    def mesh_of(self, is_wanted: Bools) -> tuple[Floats, Ints]:
         """Return vertices and faces of the shells wanted, (k,)."""
         return drop_unreferenced(self.vertices, self.faces[is_wanted[self.numbers]])
 
@@ -52,7 +49,7 @@ class MainPiece:
     enclosed, mm^3: `floating` pieces; `filled`, closed pores too small to keep; `foreign`, closed pores of what floats.
     """
 
-    is_kept: Mask
+    is_kept: Bools
     volume: float
     floating: Floats
     filled: Floats
@@ -80,7 +77,7 @@ def from_manifold(body: Manifold) -> tuple[Floats, Ints]:
     return np.array(mesh.vert_properties[:, :3], np.float64), np.array(mesh.tri_verts, np.int64)
 
 
-def distance_from(original: Manifold, body: Manifold, is_counted: Mask, surface: tuple[Floats, Ints]) -> float:
+def distance_from(original: Manifold, body: Manifold, is_counted: Bools, surface: tuple[Floats, Ints]) -> float:
     """Return how far what `body` has of an `original` lies from its surface at most, mm, rounded to single precision.
 
     `is_counted` (m,) tells which faces of `body` are asked about; `surface` is the original's, (n, 3) and (k, 3).
@@ -131,7 +128,7 @@ def find_main_piece(shells: Shells, least_cavity: float) -> MainPiece:
     return MainPiece(is_kept, volume, enclosed[is_floating], enclosed[is_filled], enclosed[is_foreign])
 
 
-def _cavities_within(shells: Shells, is_holder: Mask) -> Mask:
+def _cavities_within(shells: Shells, is_holder: Bools) -> Bools:
     """Return which cavities lie within one of the pieces `is_holder`, (k,); shells do not cross."""
     holders, cavities = np.flatnonzero(is_holder), np.flatnonzero(shells.volumes <= 0.0)
     is_within = np.zeros(len(shells.volumes), bool)

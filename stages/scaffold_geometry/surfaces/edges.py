@@ -8,11 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
-Mask: TypeAlias = NDArray[np.bool_]
+from scaffold_geometry.arrays import Floats, Ints
+
 Surface: TypeAlias = tuple[Floats, Ints]
 
 MANIFOLD = 2

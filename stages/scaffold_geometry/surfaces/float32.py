@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 from scaffold_geometry.surfaces.merge_corners import to_single
 from scaffold_geometry.surfaces.triangle_intersections import degenerate_faces, self_intersecting_faces
-from scaffold_geometry.surfaces.triangles import Floats, Ints, Mask, duplicate_vertex_faces
+from scaffold_geometry.surfaces.triangles import duplicate_vertex_faces
 from scaffold_pipeline.errors import StageError
 
 _ROUNDS = 12
@@ -67,7 +68,7 @@ def _in_steps(places: Floats, step: float) -> Floats:
     return to_single(np.round(places / step) * step).astype(np.float64)
 
 
-def _find_folded_vertices(vertices: Floats, faces: Ints) -> Mask:
+def _find_folded_vertices(vertices: Floats, faces: Ints) -> Bools:
     """Return which vertices share their place with another, or belong to a triangle that crosses another or is flat."""
     order = np.lexsort(vertices.T)
     is_new = np.concatenate([[True], (vertices[order[1:]] != vertices[order[:-1]]).any(axis=1)])
@@ -77,7 +78,7 @@ def _find_folded_vertices(vertices: Floats, faces: Ints) -> Mask:
     bad = duplicate_vertex_faces(merged)
     bad[~bad] = self_intersecting_faces(distinct, merged[~bad])
     bad |= degenerate_faces(distinct, merged)
-    folded: Mask = np.bincount(place)[place] > 1
+    folded: Bools = np.bincount(place)[place] > 1
     folded[faces[bad]] = True
     return folded
 

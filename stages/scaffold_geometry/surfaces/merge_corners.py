@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Singles
 from scaffold_pipeline.errors import StageError
-
-Singles: TypeAlias = NDArray[np.float32]
 
 
 def merge_corners(corners: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.jit import parallel_kernel, prange
 
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
-Mask: TypeAlias = NDArray[np.bool_]
 
-
-def misplaced_shells(vertices: Floats, faces: Ints, shells: Ints, volumes: Floats) -> Mask:
+def misplaced_shells(vertices: Floats, faces: Ints, shells: Ints, volumes: Floats) -> Bools:
     """Return which shells (k,) of a surface that does not cross itself bound no solid, or one within a solid.
 
     `shells` (m,) is the shell of each face, `volumes` (k,) what each encloses: a piece's is positive and must lie in

@@ -6,8 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.triangles import Floats, Ints
 
 
 def icosahedron() -> tuple[Floats, Ints]:

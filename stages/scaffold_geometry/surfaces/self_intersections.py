@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from scaffold_geometry.surfaces.edges import Floats, Ints
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_pipeline.processes.isolation import Arrays
 
 

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces.triangles import edge_faults, face_pieces, piece_volumes, touching_vertices
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 
 def shell_facts(vertices: Floats, faces: Ints) -> dict[str, bool | int | float]:

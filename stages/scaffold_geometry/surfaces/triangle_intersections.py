@@ -7,16 +7,11 @@ decide, and where rounding could turn a sign it is computed exactly.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.jit import kernel, parallel_kernel, prange
-
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 _FAN = 4
 """Children of a node: one step up the tree for each two bits of the number of triangles."""
@@ -36,7 +31,7 @@ _ORIENT_2D = 3.4e-16
 floating-point arithmetic", 1997: (7 + 56 e) e and (3 + 16 e) e with e = 2^-53)."""
 
 
-def self_intersecting_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mask:
+def self_intersecting_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Bools:
     """Return which faces (m, 3) have more in common with another than the vertices and edge they share, (m,).
 
     `vertices` (n, 3) are distinct; what is finer than 2^-52 of the greatest coordinate is rounded off. Faces without
@@ -53,7 +48,7 @@ def self_intersecting_faces(vertices: NDArray[np.floating], faces: NDArray[np.in
     return crossing
 
 
-def degenerate_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mask:
+def degenerate_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Bools:
     """Return which faces (m, 3) have their corners on one line, (m,)."""
     return _flats(_whole_numbers(vertices), np.ascontiguousarray(faces, np.int64))
 
@@ -113,7 +108,7 @@ def _spread(bits: np.uint64) -> np.uint64:
 
 
 @parallel_kernel
-def _crossings(points: Floats, faces: Ints, lows: Floats, highs: Floats, starts: Ints) -> Mask:
+def _crossings(points: Floats, faces: Ints, lows: Floats, highs: Floats, starts: Ints) -> Bools:
     """Return which faces cross another: each node above the triangles walks down the tree to those behind it."""
     crossing = np.zeros(len(faces), np.bool_)
     top = len(starts) - 2
@@ -141,7 +136,7 @@ def _crossings(points: Floats, faces: Ints, lows: Floats, highs: Floats, starts:
 
 @kernel
 def _cross_groups(
-    crossing: Mask, points: Floats, faces: Ints, lows: Floats, highs: Floats, group: int, other: int
+    crossing: Bools, points: Floats, faces: Ints, lows: Floats, highs: Floats, group: int, other: int
 ) -> None:
     """Mark the faces of two nodes that cross."""
     for i in range(group * _FAN, min((group + 1) * _FAN, len(faces))):
@@ -288,7 +283,7 @@ def _apart(p: float, q: float, a: float, b: float) -> bool:
 
 
 @parallel_kernel
-def _flats(points: Floats, faces: Ints) -> Mask:
+def _flats(points: Floats, faces: Ints) -> Bools:
     flat = np.empty(len(faces), np.bool_)
     for i in prange(len(faces)):
         a, b, c = faces[i, 0], faces[i, 1], faces[i, 2]

@@ -6,14 +6,11 @@ where they share an edge; a vertex alone joins nothing.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
-Mask: TypeAlias = NDArray[np.bool_]
+from scaffold_geometry.arrays import Bools, Floats, Ints
 
 FLAT = 1e-12
 """A triangle lower than this share of the greatest coordinate has no area that float64 can tell from none."""
@@ -30,7 +27,7 @@ class EdgeFaults(NamedTuple):
 class Winding(NamedTuple):
     """The faces to turn, (m,) bool, so that neighbours agree, and whether that is possible everywhere."""
 
-    turn: Mask
+    turn: Bools
     orientable: bool
 
 
@@ -57,23 +54,23 @@ def drop_unreferenced(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return vertices[used], (np.cumsum(used) - 1)[faces]
 
 
-def duplicate_vertex_faces(faces: Ints) -> Mask:
+def duplicate_vertex_faces(faces: Ints) -> Bools:
     """Return which faces use a vertex twice, (m,)."""
-    collapsed: Mask = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
+    collapsed: Bools = (faces == np.roll(faces, 1, axis=1)).any(axis=1)
     return collapsed
 
 
-def flat_faces(vertices: Floats, faces: Ints) -> Mask:
+def flat_faces(vertices: Floats, faces: Ints) -> Bools:
     """Return which faces have no height over their longest side, (m,); collapsed faces are among them."""
     corners = vertices[faces]
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0)
     doubled = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
-    flat: Mask = doubled <= longest * FLAT * np.abs(vertices).max(initial=0.0)
+    flat: Bools = doubled <= longest * FLAT * np.abs(vertices).max(initial=0.0)
     return flat
 
 
-def duplicate_faces(faces: Ints) -> Mask:
+def duplicate_faces(faces: Ints) -> Bools:
     """Return which faces have the same corners as an earlier one, however wound, (m,)."""
     corners = np.sort(faces, axis=1)
     order = np.lexsort(corners.T)
@@ -145,7 +142,7 @@ def consistent_winding(faces: Ints) -> Winding:
     return Winding(turn=turn, orientable=bool((as_is != turned).all()))
 
 
-def turn_faces(faces: Ints, turn: Mask) -> Ints:
+def turn_faces(faces: Ints, turn: Bools) -> Ints:
     """Return the faces with those of `turn` (m,) wound the other way."""
     return np.where(turn[:, None], faces[:, ::-1], faces)
 

@@ -8,14 +8,12 @@ from __future__ import annotations
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces import triangles
 from scaffold_pipeline.artifacts.cells import CELL_TYPES, cell_volumes
 
 Cells: TypeAlias = dict[str, Ints]
-Mask: TypeAlias = NDArray[np.bool_]
 
 _TURNED = {
     "tetrahedron": [0, 2, 1, 3],
@@ -47,7 +45,7 @@ def count(cells: Cells) -> int:
     return sum(len(corners) for corners in cells.values())
 
 
-def chosen(cells: Cells, is_chosen: Mask) -> Cells:
+def chosen(cells: Cells, is_chosen: Bools) -> Cells:
     """Return the cells of `is_chosen` (m,), over all kinds; kinds of which none is left go."""
     ends = np.cumsum([len(corners) for corners in cells.values()])[:-1]
     parts = zip(cells.items(), np.split(is_chosen, ends), strict=True)
@@ -83,18 +81,18 @@ def coincident(points: Floats, distance: float) -> int:
     return len(np.unique(cKDTree(points).query_pairs(distance, output_type="ndarray")))
 
 
-def duplicate_vertex_cells(cells: Cells) -> Mask:
+def duplicate_vertex_cells(cells: Cells) -> Bools:
     """Return which cells use a vertex twice, (m,)."""
     rows = [np.sort(corners, axis=1) for corners in cells.values()]
     return np.concatenate([(row[:, 1:] == row[:, :-1]).any(axis=1) for row in rows])
 
 
-def self_crossing_cells(vertices: Floats, cells: Cells) -> Mask:
+def self_crossing_cells(vertices: Floats, cells: Cells) -> Bools:
     """Return which cells have a quadrangle whose sides cross, (m,): it turns one way at two corners, back at two."""
     return np.concatenate([_self_crossing_of_kind(vertices[corners], kind) for kind, corners in cells.items()])
 
 
-def _self_crossing_of_kind(corners: Floats, kind: str) -> Mask:
+def _self_crossing_of_kind(corners: Floats, kind: str) -> Bools:
     is_crossed = np.zeros(len(corners), dtype=bool)
     for face in CELL_TYPES[kind].faces:
         ring = corners[:, face]
@@ -105,7 +103,7 @@ def _self_crossing_of_kind(corners: Floats, kind: str) -> Mask:
     return is_crossed
 
 
-def duplicate_cells(cells: Cells) -> Mask:
+def duplicate_cells(cells: Cells) -> Bools:
     """Return which cells have the same corners as an earlier one of their kind, (m,)."""
     return np.concatenate([triangles.duplicate_faces(corners) for corners in cells.values()])
 
@@ -115,7 +113,7 @@ def volumes(vertices: Floats, cells: Cells) -> Floats:
     return np.concatenate([cell_volumes(vertices, corners, kind) for kind, corners in cells.items()])
 
 
-def flat(vertices: Floats, cells: Cells) -> Mask:
+def flat(vertices: Floats, cells: Cells) -> Bools:
     """Return which cells are flatter than float64 can tell from flat, at their place, (m,)."""
     longest = []
     for kind, corners in cells.items():

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_pipeline.artifacts.cells import CELL_TYPES, edges_of_cells
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 Cells = Mapping[str, Ints]
 
 LEAST_SHARE = 0.05
@@ -38,7 +35,7 @@ def random_steps(vertices: Floats, cells: Cells, amount: float, rng: np.random.G
 
 
 def sound_move(
-    vertices: Floats, cells: Cells, steps: Floats, settle: Callable[[Mask, Floats], Floats] | None = None
+    vertices: Floats, cells: Cells, steps: Floats, settle: Callable[[Bools, Floats], Floats] | None = None
 ) -> tuple[Floats, Floats]:
     """Return the moved vertices (n, 3) and the factor of each step (n,): 1, or less where a cell would turn over.
 

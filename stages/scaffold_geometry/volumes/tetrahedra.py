@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.volumes.ftetwild import run_ftetwild
-from scaffold_pipeline.artifacts import Fact, Floats, Ints, Solid, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, Solid, VolumeMesh
 from scaffold_pipeline.artifacts.cells import cell_volumes, distinct_rows, faces_of_cells
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.isolation import Arrays, call_in_child

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
-Bools = NDArray[np.bool_]
+from scaffold_geometry.arrays import Bools, Floats, Ints
 
 
 def grid_over(bounds: Floats, spacing: float, margin: int) -> tuple[Floats, tuple[int, int, int]]:

@@ -7,9 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Bools = NDArray[np.bool_]
-Ints = NDArray[np.int64]
+from scaffold_geometry.arrays import Bools, Floats
 
 OUTSIDE, PORE, STRUT = 0, 1, 2
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from scaffold_geometry.arrays import Floats, Ints
 
 _NUDGE = 1e-3
 """Samples nearer to the iso than this, in the greatest change from sample to sample, are moved away from it: where a

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Singles
 from scaffold_geometry.jit import kernel
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 _REACH = 2
 """Voxels from that of a point in which a value is looked for."""

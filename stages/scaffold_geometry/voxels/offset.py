@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _BAND = 3.0
 """Distance, in samples, from the offset surface within which the distance field is computed exactly."""

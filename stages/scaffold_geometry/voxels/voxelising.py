@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, Floats, VoxelImage
+from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 from scaffold_pipeline.errors import StageError
 
-Ints = NDArray[np.int64]
 Surface = tuple[Floats, Ints]
 
 _ROUNDING = 1e-9

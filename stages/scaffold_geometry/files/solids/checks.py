@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scaffold_geometry.arrays import Ints
 from scaffold_geometry.files.solids.model import Mesh
 from scaffold_geometry.surfaces.triangles import face_pieces, piece_volumes
-from scaffold_pipeline.artifacts import Ints, Solid, SurfaceMesh
+from scaffold_pipeline.artifacts import Solid, SurfaceMesh
 from scaffold_pipeline.errors import StageError
 
 VOLUME_TOLERANCE = 1e-4

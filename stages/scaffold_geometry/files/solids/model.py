@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.surfaces.merge_corners import Singles, merge_corners, to_single
+from scaffold_geometry.arrays import Ints, Singles
+from scaffold_geometry.surfaces.merge_corners import merge_corners, to_single
 from scaffold_pipeline import __version__
-from scaffold_pipeline.artifacts import Ints
 
 APPLICATION = f"scaffold-pipeline {__version__}"
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.files.solids.checks import VOLUME_TOLERANCE
-from scaffold_pipeline.artifacts import Floats, Ints, OuterShape, Solid
+from scaffold_pipeline.artifacts import OuterShape, Solid
 from scaffold_pipeline.errors import StageError
 
 INSETS = (4, 16, 64)

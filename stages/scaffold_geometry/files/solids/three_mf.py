@@ -18,9 +18,9 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Singles
 from scaffold_geometry.files.solids.model import APPLICATION, Mesh, Model, Text, mesh_as_read, rows
 from scaffold_geometry.files.solids.readers import reading
-from scaffold_geometry.surfaces.merge_corners import Singles
 from scaffold_pipeline.errors import StageError
 
 _MODEL = "3D/3dmodel.model"

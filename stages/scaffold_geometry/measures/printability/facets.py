@@ -6,16 +6,10 @@ at once these go triangle by triangle, which for millions of them is the differe
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.jit import kernel
-
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 
 @kernel(inline=True)
@@ -45,7 +39,7 @@ def facing(vertices: Floats, faces: Ints, direction: Floats) -> tuple[Floats, Fl
 
 
 @kernel
-def cone_angles(vertices: Floats, faces: Ints, up: Floats, is_asked: Mask) -> Floats:
+def cone_angles(vertices: Floats, faces: Ints, up: Floats, is_asked: Bools) -> Floats:
     """Return the solid angle about the unit direction `up` (3,) that the faces at a lowest vertex bound, signed, (n,).
 
     It is below 0 where the solid lies within, so that it starts at the vertex, above 0 where a pore does, and 0 where
@@ -133,7 +127,7 @@ def label_connected_faces(faces: Ints, count: int) -> Ints:
 
 
 @kernel
-def faces_near(vertices: Floats, faces: Ints, places: Floats, reach: float) -> Mask:
+def faces_near(vertices: Floats, faces: Ints, places: Floats, reach: float) -> Bools:
     """Return which faces come into a cube of half edge `reach` about one of `places` (k, 3), by their boxes, (m,)."""
     near = np.zeros(len(faces), np.bool_)
     for i in range(len(faces)):

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.measures.printability.facets import shell_sums
 from scaffold_geometry.measures.printability.places import format_place
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
 from scaffold_geometry.surfaces.triangles import face_pieces
-from scaffold_pipeline.artifacts import Finding, Floats, SurfaceMesh
+from scaffold_pipeline.artifacts import Finding, SurfaceMesh
 
 
 def loose_shells(surface: SurfaceMesh, rules: PrintRules) -> tuple[Outcome, Outcome]:

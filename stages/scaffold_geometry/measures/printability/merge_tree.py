@@ -6,15 +6,11 @@ one that started higher ends there.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.jit import kernel
-
-Floats: TypeAlias = NDArray[np.float64]
-Ints: TypeAlias = NDArray[np.int64]
 
 
 def part_heights(faces: Ints, heights: Floats) -> Floats:

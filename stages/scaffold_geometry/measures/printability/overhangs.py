@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.measures.printability.facets import facing, label_connected_faces
 from scaffold_geometry.measures.printability.places import format_place
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
-from scaffold_pipeline.artifacts import Finding, Floats, Ints, SurfaceMesh
+from scaffold_pipeline.artifacts import Finding, SurfaceMesh
 
 _ROUNDING = 1e-4
 """Cosine by which single precision may turn a face: one as steep as the rule asks for must not break it."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Floats
 from scaffold_geometry.measures.facts import to_place
-from scaffold_pipeline.artifacts import Floats, SurfaceMesh
+from scaffold_pipeline.artifacts import SurfaceMesh
 
 _REGIONS = 50
 """Places are at least this share of the solid's diagonal apart: less is one spot on a page."""

@@ -7,7 +7,8 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field, field_validator
 
-from scaffold_pipeline.artifacts import Fact, Finding, Floats
+from scaffold_geometry.arrays import Floats
+from scaffold_pipeline.artifacts import Fact, Finding
 from scaffold_pipeline.stages.contract import Millimetres, Params, Unit
 
 Degrees = Annotated[float, Unit("degrees")]

@@ -10,11 +10,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.measures.printability.facets import faces_near, facing
 from scaffold_geometry.measures.printability.places import apart_in, format_place, worst_apart
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
 from scaffold_geometry.measures.printability.walls import WallFinder, Walls, unit_normals
-from scaffold_pipeline.artifacts import Fact, Finding, Floats, Ints, SurfaceMesh
+from scaffold_pipeline.artifacts import Fact, Finding, SurfaceMesh
 
 _SAMPLES = 100_000
 """Points on the surface: for a share of 1 % of the area a standard error of 0.03 % at most."""

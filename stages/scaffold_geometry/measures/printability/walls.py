@@ -11,11 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scaffold_pipeline.artifacts import Floats, Ints, SurfaceMesh
-
-Mask = NDArray[np.bool_]
+from scaffold_geometry.arrays import Bools, Floats, Ints
+from scaffold_pipeline.artifacts import SurfaceMesh
 
 _INSIDE = 1e-7
 """Share of the greatest coordinate by which a ray starts within the solid: above the rounding of its own face."""
@@ -45,7 +43,7 @@ class Walls:
     thickness: Floats
     middles: Floats
 
-    def only(self, chosen: Mask) -> Walls:
+    def only(self, chosen: Bools) -> Walls:
         """Return the walls chosen, (n,)."""
         return Walls(self.points[chosen], self.thickness[chosen], self.middles[chosen])
 
@@ -94,7 +92,7 @@ class WallFinder:
         normals = unit_normals(vertices[faces[np.maximum(left, 0)]])
         return lengths, np.where(left >= 0, np.einsum("ij,ij->i", normals, directions), -1.0)
 
-    def _runs_out(self, walls: Walls, cosines: Floats) -> Mask:
+    def _runs_out(self, walls: Walls, cosines: Floats) -> Bools:
         """Return where two sides that open by so much run out into a rim, (n,)."""
         import igl
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.edges import Floats, Ints, Mask, Surface
+from scaffold_geometry.surfaces.edges import Surface
 
 _MOST_SAMPLES = 200_000
 _MOST_ASKED = 20_000
@@ -76,7 +77,7 @@ def measure_displacement(read: Surface, repaired: Surface, kept: Surface, spacin
     return Displacement(lost, gained, stride * float(found.areas[asked[is_inner]].sum()))
 
 
-def find_changed_faces(one: Surface, other: Surface) -> Mask:
+def find_changed_faces(one: Surface, other: Surface) -> Bools:
     """Return which faces of `one` have no face of `other` on the same three places, (m,)."""
     vertices = np.concatenate([one[0], other[0]])
     faces = np.concatenate([one[1], other[1] + len(one[0])])
@@ -149,7 +150,7 @@ def _greatest(points: Floats, distances: Floats) -> Farthest:
     return Farthest(float(distances[at]), points[at])
 
 
-def _is_inside(found: Samples, surface: Surface) -> Mask:
+def _is_inside(found: Samples, surface: Surface) -> Bools:
     """Return which samples of a surface are inside it on both sides, (k,)."""
     import igl
 
@@ -162,5 +163,5 @@ def _is_inside(found: Samples, surface: Surface) -> Mask:
     wound = np.ascontiguousarray(wound)
     step = _BESIDE * float(np.linalg.norm(np.ptp(vertices, axis=0))) * found.normals
     sides = [igl.fast_winding_number(vertices, wound, found.inner + way * step) for way in (1, -1)]
-    inside: Mask = np.minimum(*sides) > _WITHIN
+    inside: Bools = np.minimum(*sides) > _WITHIN
     return inside

@@ -6,8 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.edges import MANIFOLD, Edges, Floats, Ints, Mask, Surface, edges_of, patches_of
+from scaffold_geometry.surfaces.edges import MANIFOLD, Edges, Surface, edges_of, patches_of
 from scaffold_geometry.surfaces.repair.log import OpCounts, RepairOp
 
 _INSIDE = 0.5
@@ -43,7 +44,7 @@ def remove_fins_and_internal_walls(vertices: Floats, faces: Ints, done: OpCounts
     return triangles.drop_unreferenced(vertices, faces)
 
 
-def _superfluous(vertices: Floats, faces: Ints, edges: Edges, labels: Ints, done: OpCounts) -> Mask:
+def _superfluous(vertices: Floats, faces: Ints, edges: Edges, labels: Ints, done: OpCounts) -> Bools:
     """Return which faces are of a fin or a wall, (m,): the smallest first, no two of them at one edge."""
     gone, taken = np.zeros(len(faces), bool), np.zeros(len(edges.uses), bool)
     for patch in sorted(_candidates(vertices, faces, edges, labels), key=lambda patch: (patch.area, patch.number)):
@@ -74,7 +75,7 @@ def _candidates(vertices: Floats, faces: Ints, edges: Edges, labels: Ints) -> li
     ]
 
 
-def _is_within(vertices: Floats, faces: Ints, is_of_patch: Mask) -> bool:
+def _is_within(vertices: Floats, faces: Ints, is_of_patch: Bools) -> bool:
     """Return whether the rest of the surface winds about the patch."""
     import igl
 

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from scaffold_geometry.surfaces.edges import Floats, Ints, Surface, edges_of
+from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.surfaces.edges import Surface, edges_of
 
 _ROUNDS = 12
 _FLIPS = 30

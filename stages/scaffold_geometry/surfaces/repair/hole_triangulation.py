@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from scaffold_geometry.surfaces.edges import Floats, Ints, Mask, edges_of
+from scaffold_geometry.arrays import Bools, Floats, Ints
+from scaffold_geometry.surfaces.edges import edges_of
 
 _NEVER = 1e9
 """The bend of a span over an edge that the surface has already: bends are 0 to 2."""
@@ -42,7 +43,7 @@ def triangulate_hole(vertices: Floats, loop: Ints, rim_normals: Floats, near: In
     return np.asarray(loop[_list_triangles(spans.middles)])
 
 
-def _span(points: Floats, spans: _Spans, start: Ints, length: int, is_taken: Mask) -> None:
+def _span(points: Floats, spans: _Spans, start: Ints, length: int, is_taken: Bools) -> None:
     """Find the best triangle upon each span of one length, of all the vertices between its ends."""
     first, end = start[:, None], start[:, None] + length
     middle = first + np.arange(1, length)
@@ -69,7 +70,7 @@ def _least(bends: Floats, areas: Floats) -> Ints:
     return np.asarray(np.where(is_least, areas, np.inf).argmin(axis=1), dtype=np.int64)
 
 
-def _find_existing_edges(loop: Ints, faces: Ints) -> Mask:
+def _find_existing_edges(loop: Ints, faces: Ints) -> Bools:
     """Return which pairs of the loop's vertices have an edge already, (n, n), but for neighbours on the loop."""
     count = len(loop)
     taken = np.zeros((count, count), bool)

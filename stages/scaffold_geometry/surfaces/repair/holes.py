@@ -10,7 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scaffold_geometry.surfaces.edges import Floats, Ints, edges_of
+from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.surfaces.edges import edges_of
 from scaffold_geometry.surfaces.repair.hole_fairing import fair_patch, refine_patch
 from scaffold_geometry.surfaces.repair.hole_triangulation import triangulate_hole
 

@@ -9,18 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.edges import (
-    MANIFOLD,
-    Floats,
-    Ints,
-    Mask,
-    Surface,
-    components,
-    edges_of,
-    open_vertices,
-    rounding,
-)
+from scaffold_geometry.surfaces.edges import MANIFOLD, Surface, components, edges_of, open_vertices, rounding
 from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TWICE, OpCounts, RepairOp
 
 _ROUNDS = 20
@@ -63,7 +54,7 @@ def clean_mesh(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
     return triangles.drop_unreferenced(vertices, faces)
 
 
-def _without(faces: Ints, bad: Mask, op: RepairOp, done: OpCounts) -> Ints:
+def _without(faces: Ints, bad: Bools, op: RepairOp, done: OpCounts) -> Ints:
     done[op] += int(bad.sum())
     return faces[~bad]
 
@@ -95,7 +86,7 @@ def _determinants(faces: Ints) -> Ints:
     return np.asarray(np.sign(b - a) * np.sign(c - a) * np.sign(c - b))
 
 
-def _closes_something(faces: Ints, is_asked: Mask) -> Mask:
+def _closes_something(faces: Ints, is_asked: Bools) -> Bools:
     """Return which of the faces asked for stand alone or leave fewer edges of an odd number of faces, (m,).
 
     Faces that share an edge are judged together.

@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.edges import Floats, Ints, Surface, edges_of
+from scaffold_geometry.surfaces.edges import Surface, edges_of
 from scaffold_geometry.surfaces.repair import fins_and_walls, holes, mend, self_intersections, winding_number
 from scaffold_geometry.surfaces.repair.log import TURNED, OpCounts, RepairLog, RepairOp
 from scaffold_geometry.surfaces.repair.non_manifold import try_split_non_manifold

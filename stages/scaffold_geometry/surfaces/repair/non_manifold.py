@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.edges import Floats, Ints, Surface
+from scaffold_geometry.surfaces.edges import Surface
 from scaffold_geometry.surfaces.repair.log import OpCounts, RepairOp
 from scaffold_geometry.surfaces.repair.vertex_splitting import split_non_manifold
 from scaffold_pipeline.errors import StageError

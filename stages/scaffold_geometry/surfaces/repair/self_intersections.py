@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
-from scaffold_geometry.surfaces.edges import Floats, Ints, Surface
+from scaffold_geometry.surfaces.edges import Surface
 from scaffold_geometry.surfaces.repair.non_manifold import try_split_non_manifold
 from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_pipeline.errors import StageError

@@ -6,16 +6,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import triangles
 from scaffold_pipeline.errors import StageError
-
-Mask: TypeAlias = NDArray[np.bool_]
 
 SHARE = 0.01
 """How far a vertex goes inwards, in lengths of its shortest edge: too little to see, enough for single precision."""

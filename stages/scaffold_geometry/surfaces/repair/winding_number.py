@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.edges import Floats, Ints, Mask
 from scaffold_geometry.surfaces.repair.self_intersections import without_slivers
 from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_geometry.voxels.grids import dilate, grid_over
@@ -88,7 +88,7 @@ def _project_to_surface(points: Floats, corners: Ints, vertices: Floats, faces: 
     import igl
 
     squared, _, nearest = igl.point_mesh_squared_distance(points, vertices, faces)
-    is_pulled: Mask = squared <= spacing**2
+    is_pulled: Bools = squared <= spacing**2
     for _ in range(_PULLS):
         moved = np.where(is_pulled[:, None], nearest, points)
         bad = triangles.flat_faces(moved, corners)

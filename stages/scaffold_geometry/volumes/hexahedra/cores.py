@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from scaffold_geometry.arrays import Floats, Ints
-from scaffold_geometry.volumes.hexahedra.overlaps import Mask
+from scaffold_geometry.arrays import Bools, Floats, Ints
 
 _OCTANTS = list(np.ndindex(2, 2, 2))
 _SAME = 1e-9
 """Difference of depths, in cubes, that is rounding: cubes that mirror each other go together."""
 
 
-def outwards(cubes: Mask) -> tuple[Ints, Mask]:
+def outwards(cubes: Bools) -> tuple[Ints, Bools]:
     """Return the way out at each corner, (nx+1, ny+1, nz+1, 3), -1, 0 or 1, and which corners have none."""
     corners = tuple(np.array(cubes.shape) + 1)
     padded = np.pad(cubes, 1)
@@ -35,7 +34,7 @@ def _across(octant: tuple[int, ...], axis: int) -> tuple[int, ...]:
     return tuple(1 if i == axis else side for i, side in enumerate(octant))
 
 
-def make_core_manifold(cubes: Mask, depths: Floats, shallowest: float) -> Mask:
+def make_core_manifold(cubes: Bools, depths: Floats, shallowest: float) -> Bools:
     """Return the cubes with some added or removed so that every corner has a way out.
 
     At each corner without one its deepest free cube is added, by `depths`; where none is as deep as `shallowest`, its
@@ -51,7 +50,7 @@ def make_core_manifold(cubes: Mask, depths: Floats, shallowest: float) -> Mask:
     return mended
 
 
-def _at_corners(cubes: Mask, depths: Floats, is_bad: Mask, shallowest: float | None) -> Mask:
+def _at_corners(cubes: Bools, depths: Floats, is_bad: Bools, shallowest: float | None) -> Bools:
     """Return the deepest of the free cubes at each bad corner, or, without `shallowest`, the shallowest of the set."""
     around = np.argwhere(is_bad)[:, None] - 1 + np.array(_OCTANTS)
     padded = tuple((around + 1).transpose(2, 0, 1))

@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.volumes import lattices
 from scaffold_geometry.volumes.cells import faces as faces_of
 from scaffold_geometry.volumes.hexahedra import cores
-from scaffold_geometry.volumes.hexahedra.overlaps import Mask
 from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
 
 _DEPTH, _SHALLOWEST = -0.1, -0.5
@@ -97,7 +96,7 @@ def _depths(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: t
     return depths
 
 
-def _coat_core(core: Mask) -> Coated:
+def _coat_core(core: Bools) -> Coated:
     """Return the core's cubes with a cell on each face of its boundary, a little way out."""
     lattice, cubes = lattices.on_lattice(np.argwhere(core), lattices.HEXAHEDRON)
     quadrangles = faces_of({"hexahedron": cubes}).quadrangles

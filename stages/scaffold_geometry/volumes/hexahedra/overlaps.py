@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.voxels.grids import samples_inside
 
-Mask: TypeAlias = NDArray[np.bool_]
 Shape: TypeAlias = tuple[int, int, int]
 
 _TOUCHING = 1e-6
@@ -20,7 +18,7 @@ _MOST_PAIRS = 500_000
 """Pairs of triangle and cube that are looked at together: some 200 MB."""
 
 
-def cubes_met(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: Shape) -> Mask:
+def cubes_met(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: Shape) -> Bools:
     """Return which cubes of a grid, its corner at `origin` (3,), meet the solid within a closed surface, of `shape`.
 
     Those that the surface enters, and those whose centre is inside.
@@ -51,7 +49,7 @@ def _pairs(low: Ints, high: Ints, counts: Ints) -> tuple[Ints, Ints]:
     return owner, low[owner] + np.stack([step // (ny * nz), step // nz % ny, step % nz], axis=1)
 
 
-def _enters(corners: Floats) -> Mask:
+def _enters(corners: Floats) -> Bools:
     """Return which triangles (p, 3, 3) enter the cube of edge 1 about the origin, (p,).
 
     No axis parts the two: T. Akenine-Moller, "Fast 3D triangle-box overlap testing", J. Graphics Tools 6 (2001).
