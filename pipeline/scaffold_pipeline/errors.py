@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
@@ -65,6 +66,11 @@ def lines_and_code(error: Exception) -> tuple[str, int]:
 
 class PipelineWarning(UserWarning):
     """What a stage wants the user to know of a result that is still good; kept in the run record."""
+
+
+def warn(message: str) -> None:
+    """Tell the user something of a result that is still good, as a `PipelineWarning`."""
+    warnings.warn(message, PipelineWarning, stacklevel=2)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

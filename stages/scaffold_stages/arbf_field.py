@@ -6,7 +6,6 @@ interpolation, for small meshes; `normalised` is local and bounded, and works on
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
 from functools import cache, partial
@@ -21,7 +20,7 @@ from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, B
 from scaffold_geometry.fields.mesh_field import MeshField, sample_mesh_field
 from scaffold_geometry.fields.sampling import SamplingParams, Voxels
 from scaffold_pipeline.artifacts import CellMesh, Fact, OuterShape, ScalarField
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import Unit, stage
 
 if TYPE_CHECKING:
@@ -171,7 +170,7 @@ def _require_reached(half_reached: int, inside: int, support: float) -> None:
     )
     if half_reached > _MOST_HALF_REACHED * inside:
         raise StageError(told)
-    warnings.warn(f"{told}; they are solid or void, as what reaches them", PipelineWarning, stacklevel=2)
+    warn(f"{told}; they are solid or void, as what reaches them")
 
 
 def _exact(skeleton: Skeleton, params: ArbfFieldParams) -> MeshField:

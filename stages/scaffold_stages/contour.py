@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Annotated
 
 import numpy as np
@@ -12,7 +11,7 @@ from pydantic import Field, model_validator
 from scaffold_geometry.planar import regions
 from scaffold_geometry.planar.regions import Region
 from scaffold_pipeline.artifacts import Contour, OuterShape, PlanarMesh, Polygons, ScalarField
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import Params, Share, Unit, stage
 
 TOLERANCE = 1e-3
@@ -125,10 +124,8 @@ def _iso_of(search: _Search, wanted: float | None) -> float:
     )
     got = search.porosity_at(iso)
     if abs(got - wanted) > TOLERANCE:
-        warnings.warn(
+        warn(
             f"porosity {wanted:g}: no iso gives it; the nearest found has {got:.4f} at iso {iso:.4g}, as much of the "
-            "field has that value; ask for another porosity, or lower voxel_size",
-            PipelineWarning,
-            stacklevel=2,
+            "field has that value; ask for another porosity, or lower voxel_size"
         )
     return iso

@@ -5,7 +5,6 @@ It comes last in a config, and nothing depends on it: what cannot be drawn is a 
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -15,7 +14,7 @@ from pydantic import Field
 
 from scaffold_geometry.drawing.sections import AXES, nearest_values, section_svg, sections, simplify_surface
 from scaffold_pipeline.artifacts import Fact, Metrics, OuterShape, Solid, SurfaceMesh, WrittenFiles
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Params, Share, Unit, stage
 
@@ -119,5 +118,5 @@ def _rings(found: Arrays, axis: str) -> list[NDArray[np.float64]]:
 
 
 def _not_drawn(what: str, error: StageError) -> str:
-    warnings.warn(f"no {what} was drawn: {error}; all other files are complete", PipelineWarning, stacklevel=4)
+    warn(f"no {what} was drawn: {error}; all other files are complete")
     return f"none: {error}"

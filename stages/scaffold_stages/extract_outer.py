@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Literal
 
 import numpy as np
@@ -13,7 +12,7 @@ from scaffold_geometry.surfaces.repair import vertex_splitting
 from scaffold_geometry.volumes import cells, lattices
 from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_pipeline.artifacts import Fact, OuterShape, VolumeMesh
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Params, stage
 
@@ -114,7 +113,7 @@ def _split_touching(
         "boundary_edges_parted": parted.touching_edges,
         "boundary_parting_mm": parted.farthest,
     }
-    warnings.warn(f"the outer shape is {said}", PipelineWarning, stacklevel=3)
+    warn(f"the outer shape is {said}")
     return parted.vertices, parted.faces
 
 

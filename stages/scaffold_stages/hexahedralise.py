@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Literal
 
 import numpy as np
@@ -17,7 +16,7 @@ from scaffold_geometry.volumes.hexahedra import fitting
 from scaffold_geometry.volumes.hexahedra.overlaps import cubes_met
 from scaffold_geometry.voxels.grids import grid_over
 from scaffold_pipeline.artifacts import Fact, OuterShape, VolumeMesh
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.memory import available_memory
 from scaffold_pipeline.stages.contract import Millimetres, Params, stage
 
@@ -137,9 +136,7 @@ def _warn_of_gaps(facts: dict[str, Fact], outer: OuterShape) -> None:
     if pieces > (bodies > 0.0).sum():
         said.append(f"are in {pieces} pieces")
     if said:
-        warnings.warn(
+        warn(
             f"the hexahedra {' and '.join(said)}: they leave out what is thinner than they are and cut short what is "
-            "rounder; lower cell_size, or set `kind: grid`",
-            PipelineWarning,
-            stacklevel=3,
+            "rounder; lower cell_size, or set `kind: grid`"
         )

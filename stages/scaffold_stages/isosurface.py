@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -14,7 +13,7 @@ from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.voxels.grids import samples_inside
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 from scaffold_pipeline.artifacts import Fact, IsoSurface, OuterShape, ScalarField
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import Follows, Millimetres, Params, Share, Unit, stage
 
 TOLERANCE = 1e-3
@@ -175,11 +174,9 @@ def _at_porosity(search: _Search) -> IsoSurface:
         bracket.narrow(trial.share, trial.porosity - wanted)
         best = min(best, trial, key=lambda one: abs(one.porosity - wanted))
     if abs(best.porosity - wanted) > TOLERANCE:
-        warnings.warn(
+        warn(
             f"porosity {wanted:g}: no iso gives it; the nearest found has {best.porosity:.4f} at iso {best.iso:.4g}, "
-            "as pores close or pieces come off all at once there; ask for another porosity, or lower voxel_size",
-            PipelineWarning,
-            stacklevel=2,
+            "as pores close or pieces come off all at once there; ask for another porosity, or lower voxel_size"
         )
     facts: dict[str, Fact] = {"porosity_solved": best.porosity, "rounds": rounds}
     return IsoSurface(best.vertices, best.faces, best.iso, wanted, search.skin, facts)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections import Counter
 from typing import TYPE_CHECKING, Literal
 
@@ -16,7 +15,7 @@ from scaffold_geometry.surfaces import self_intersections, triangles
 from scaffold_geometry.surfaces.repair import displacement, mend, modes
 from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TURNED, TWICE, RepairLog, RepairOp
 from scaffold_pipeline.artifacts import OuterShape
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import InputFile, Millimetres, Params, stage
 
@@ -114,11 +113,7 @@ def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[fl
             f"(the surface measures {size} in the file)"
         )
     if units is not None and content.unit in known and content.unit != units:
-        warnings.warn(
-            f"{name}: the file says its unit is {content.unit}, `units` says {units}: taken as {units}",
-            PipelineWarning,
-            stacklevel=3,
-        )
+        warn(f"{name}: the file says its unit is {content.unit}, `units` says {units}: taken as {units}")
     unit = units or content.unit or ""
     return known[unit], f"unit {unit} ({'given' if units else 'from the file'}), size {size} {unit}"
 
@@ -244,11 +239,9 @@ def _chosen(
         f"({int((~kept).sum())} triangles, the greatest {volumes[1]:.6g} mm^3)"
     )
     if volumes[1] > _WORTH_A_WARNING * volumes[0]:
-        warnings.warn(
+        warn(
             f"{params.path.name}: dropped a piece of {volumes[1]:.6g} mm^3 beside the largest of {volumes[0]:.6g} "
-            "mm^3; set `component: all` to keep every piece",
-            PipelineWarning,
-            stacklevel=3,
+            "mm^3; set `component: all` to keep every piece"
         )
     return faces[kept], pieces[kept]
 
@@ -314,7 +307,7 @@ def _contains(vertices: Floats, outer: Ints, inner: Ints) -> bool:
     # A few points, as one may be where the two touch.
     points = corners[:: -(-len(inner) // 5)].mean(axis=1)
     windings = [abs(triangles.winding_number(point, vertices, outer)) for point in points]
-    return bool(np.median(windings) > 0.5)  # noqa: PLR2004 - halfway between outside and inside
+    return bool(np.median(windings) > 0.5)  # halfway between outside and inside
 
 
 def _require_volume(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSurfaceParams) -> None:

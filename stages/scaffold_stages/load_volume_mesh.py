@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Annotated, Literal
 
 import numpy as np
@@ -16,7 +15,7 @@ from scaffold_geometry.volumes import boundary, cells
 from scaffold_geometry.volumes.cells import Cells, Faces
 from scaffold_pipeline.artifacts import Fact, VolumeMesh
 from scaffold_pipeline.artifacts.cells import CELL_TYPES
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import InputFile, Params, Unit, stage
 
 _REPAIR = "mend the mesh where it was made, or load its surface and use tetrahedralise"
@@ -176,11 +175,7 @@ def _tell_of_cracks(vertices: Floats, faces: Faces, name: str, notes: list[str])
     if double:
         said = f"{double} vertices of the boundary lie within {distance:.2g} mm of another"
         notes.append(said)
-        warnings.warn(
-            f"{name}: {said}: cells do not hang together there; set `merge: {distance:.2g}` to join them",
-            PipelineWarning,
-            stacklevel=3,
-        )
+        warn(f"{name}: {said}: cells do not hang together there; set `merge: {distance:.2g}` to join them")
 
 
 def _chosen(vertices: Floats, given: Cells, faces: Faces, params: LoadVolumeMeshParams, notes: list[str]) -> Cells:
@@ -198,11 +193,9 @@ def _chosen(vertices: Floats, given: Cells, faces: Faces, params: LoadVolumeMesh
         f"({int((~kept).sum())} cells, the greatest {next_one:.6g} mm^3)"
     )
     if next_one > _WORTH_A_WARNING * largest:
-        warnings.warn(
+        warn(
             f"{params.path.name}: dropped a piece of {next_one:.6g} mm^3 beside the largest of {largest:.6g} mm^3 "
-            "(cells hang together where they share a face); set `component: all` to keep every piece",
-            PipelineWarning,
-            stacklevel=3,
+            "(cells hang together where they share a face); set `component: all` to keep every piece"
         )
     return cells.chosen(given, kept)
 
@@ -220,9 +213,7 @@ def _require_agreement(vertices: Floats, kept: Cells, name: str) -> None:
 
 def _warn_of_folds(folded: int, number: int, name: str) -> None:
     if folded:
-        warnings.warn(
+        warn(
             f"{name}: {folded} of {number} cells are folded: a part of each cannot be seen from its centre, and "
-            "channels may leave it there",
-            PipelineWarning,
-            stacklevel=3,
+            "channels may leave it there"
         )

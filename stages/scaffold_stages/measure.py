@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,7 +22,7 @@ from scaffold_pipeline.artifacts import (
     SurfaceMesh,
     VolumeMesh,
 )
-from scaffold_pipeline.errors import PipelineWarning
+from scaffold_pipeline.errors import warn
 from scaffold_pipeline.stages.contract import Millimetres, Unit, stage
 
 if TYPE_CHECKING:
@@ -106,7 +105,7 @@ def measure(
     failed = failed_gates(values, params, most_closed=field.pore_networks * (porous.skin > 0.0))
     metrics = Metrics({**values, **printed.values}, tuple(failed), findings=printed.findings)
     if params.morphometry and not shells["is_manifold"]:
-        warnings.warn("morphometry: left out, as the solid is no closed manifold", PipelineWarning, stacklevel=2)
+        warn("morphometry: left out, as the solid is no closed manifold")
     elif params.morphometry:
         topology = connectivity_facts(
             file.faces, int(shells["solid_pieces"]), int(shells["closed_pores"]), outer.volume
@@ -151,11 +150,9 @@ def _warn_of_thin_parts(field: ScalarField, iso: float, values: dict[str, Fact])
     remedy = f"voxel_size {size:.3g} mm resolves all" if size else f"voxel_size {finest:.3g} mm would not resolve all"
     struts, channels = (values.get(f"{name}_interrupted") for name in ("struts", "channels"))
     outcome = "may break or close them" if struts is None else f"breaks {struts} struts and closes {channels} channels"
-    warnings.warn(
+    warn(
         f"under_resolved: {thin} struts and channels are thinner than two voxels of {field.spacing:.3g} mm at iso "
-        f"{iso:.4g}, and the surface {outcome}; {remedy}",
-        PipelineWarning,
-        stacklevel=3,
+        f"{iso:.4g}, and the surface {outcome}; {remedy}"
     )
 
 

@@ -5,7 +5,6 @@ Files get their names when all are found good; until then they lie in a folder o
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +20,7 @@ from scaffold_geometry.files.solids.model import Mesh, Model, mesh_of_corners
 from scaffold_geometry.files.solids.pore_space import PoreSpace, pore_space
 from scaffold_geometry.surfaces.merge_corners import to_single
 from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.run.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, Params, Title, stage
 
@@ -121,11 +120,9 @@ def _round_to_float32(solid: Solid) -> Mesh:
     single = to_single(solid.vertices)
     moved = np.abs(single - solid.vertices)
     if moved.any():
-        warnings.warn(
+        warn(
             f"solid: {int(moved.any(axis=1).sum())} of {len(moved)} vertices are not exact in float32; in the files "
-            f"they lie up to {moved.max():.2g} mm off",
-            PipelineWarning,
-            stacklevel=3,
+            f"they lie up to {moved.max():.2g} mm off"
         )
     return mesh_of_corners(single[solid.faces])
 
@@ -135,11 +132,9 @@ def _coordinate_step(mesh: Mesh) -> float:
     farthest = np.abs(mesh.vertices).max()
     step = float(np.spacing(farthest))
     if step > COARSE_STEP:
-        warnings.warn(
+        warn(
             f"the solid reaches {farthest:.0f} mm from the origin, where the files' float32 coordinates lie {step:.2g} "
-            "mm apart; move the outer shape nearer to the origin for finer ones",
-            PipelineWarning,
-            stacklevel=3,
+            "mm apart; move the outer shape nearer to the origin for finer ones"
         )
     return step
 

@@ -23,7 +23,7 @@ class Polygons(Artifact):
     def __post_init__(self) -> None:
         self.own_array("points", np.float64, (None, 2))
         self.own_array("counts", np.int64, (None,))
-        if (self.counts < 3).any() or self.counts.sum() != len(self.points):  # noqa: PLR2004 - a triangle has three
+        if (self.counts < 3).any() or self.counts.sum() != len(self.points):  # a triangle has three
             raise StageError(
                 f"Polygons.counts: must be 3 or more for each ring and {len(self.points)} in all, "
                 f"got {self.counts.min(initial=0)} or more and {self.counts.sum()} in all"

@@ -101,7 +101,7 @@ class ScalarField(Artifact):
         self.own_array("point_values", np.float64, (len(self.points),))
         if not 0.0 < self.spacing < np.inf:
             raise StageError(f"ScalarField.spacing: must be a positive length, got {self.spacing}")
-        if min(self.values.shape[:2]) < 2 or not self.values.size:  # noqa: PLR2004 - a square has two along each axis
+        if min(self.values.shape[:2]) < 2 or not self.values.size:  # a square has two along each axis
             raise StageError(
                 f"ScalarField.values: needs two samples along x and y, one along z, got {self.values.shape}"
             )

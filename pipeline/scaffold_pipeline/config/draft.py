@@ -233,7 +233,7 @@ def _message(detail: ErrorDetails, stage: Stage) -> str:
 def format_value(value: object) -> str:
     """Return a value as a fault shows it."""
     text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."  # noqa: PLR2004 - keeps a fault on one line
+    return text if len(text) <= 60 else f"{text[:57]}..."  # keeps a fault on one line
 
 
 def _apply_settings(

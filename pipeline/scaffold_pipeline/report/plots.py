@@ -39,7 +39,7 @@ def draw_histogram(told: Mapping[str, Any]) -> str:
 def draw_curve(told: Mapping[str, Any]) -> str:
     """Return a curve of `measures.json` as a figure; nothing where its numbers are none."""
     xs, ys = _numbers(told.get("x")), _numbers(told.get("y"))
-    if len(xs) < 2 or len(xs) != len(ys) or xs[-1] <= xs[0]:  # noqa: PLR2004 - a line has two ends
+    if len(xs) < 2 or len(xs) != len(ys) or xs[-1] <= xs[0]:  # a line has two ends
         return ""
     low, high = min(0.0, *ys), max(*ys, 1e-9)
     frame = _Frame(xs[0], xs[-1], low, high + 0.08 * (high - low))

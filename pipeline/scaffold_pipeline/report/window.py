@@ -57,7 +57,7 @@ class _Scale:
         """Return a line across the bar and its label at height `y`, beside the line where there is more room."""
         x = self.place(value)
         anchor, shift = ("start", 5.0) if x < self.WIDTH / 2.0 else ("end", -5.0)
-        top, bottom = (38.0, y + 4.0) if y > 44.0 else (y - 10.0, 74.0)  # noqa: PLR2004 - below or above the bar
+        top, bottom = (38.0, y + 4.0) if y > 44.0 else (y - 10.0, 74.0)  # below or above the bar
         return (
             f'<line x1="{x:.1f}" y1="{top:g}" x2="{x:.1f}" y2="{bottom:g}"/>'
             f'<text x="{x + shift:.1f}" y="{y:g}" text-anchor="{anchor}">{escape(label)}</text>'

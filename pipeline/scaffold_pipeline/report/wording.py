@@ -25,8 +25,8 @@ def to_text(value: object) -> str:
     if isinstance(value, int):
         return f"{value:,}".replace(",", "\u202f")
     if isinstance(value, float):
-        is_large = math.isfinite(value) and abs(value) >= 1e4  # noqa: PLR2004 - where four digits show no fraction
-        if is_large and abs(value) < 1e15:  # noqa: PLR2004 - above, an exponent reads better
+        is_large = math.isfinite(value) and abs(value) >= 1e4  # where four digits show no fraction
+        if is_large and abs(value) < 1e15:  # above, an exponent reads better
             return to_text(round(value))
         return f"{value:.4g}" if value == 1.0 or f"{value:.4g}" != "1" else f"{value:.9g}"
     return str(value)
@@ -49,7 +49,7 @@ def to_duration(seconds: float | None) -> str:
     """
     if seconds is None:
         return NOTHING
-    if seconds < 60.0:  # noqa: PLR2004 - a minute
+    if seconds < 60.0:  # a minute
         return f"{seconds:.1f} s" if seconds >= 1.0 else f"{seconds:.2f} s"
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes_left = divmod(minutes, 60)
@@ -65,7 +65,7 @@ def to_size(count: float | None) -> str:
     if count is None:
         return NOTHING
     for unit in ("B", "kB", "MB"):
-        if count < 999.5:  # noqa: PLR2004 - rounds to 1000
+        if count < 999.5:  # rounds to 1000
             return f"{count:.0f} B" if unit == "B" else f"{count:.1f} {unit}"
         count /= 1000.0
     return f"{count:.1f} GB"

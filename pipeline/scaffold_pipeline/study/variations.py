@@ -136,7 +136,7 @@ def _three_numbers(entry: object) -> tuple[float, float, float]:
     is_sound = all(
         isinstance(number, int | float) and not isinstance(number, bool) and math.isfinite(number) for number in numbers
     )
-    if len(numbers) != 3 or not is_sound:  # noqa: PLR2004 - start, stop, and step or count
+    if len(numbers) != 3 or not is_sound:  # start, stop, and step or count
         raise ValueError("must be three numbers")
     return numbers[0], numbers[1], numbers[2]
 
@@ -162,7 +162,7 @@ def _linspace(start: float, stop: float, count: float) -> tuple[int, Callable[[i
     >>> [value(index) for index in range(count)]
     [0.0, 0.5, 1.0]
     """
-    if not isinstance(count, int) or count < 2:  # noqa: PLR2004 - both ends
+    if not isinstance(count, int) or count < 2:  # both ends
         raise ValueError("must be [start, stop, count] with a whole count of 2 at least")
     first, last = (Fraction(Decimal(str(number))) for number in (start, stop))
     stride = (last - first) / (count - 1)

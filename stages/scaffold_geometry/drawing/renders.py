@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_geometry.arrays import Floats
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 
 if TYPE_CHECKING:
@@ -67,11 +66,9 @@ def draw_in_child(draw: Callable[..., dict[str, NDArray[Any]]], arrays: dict[str
         path.write_bytes(picture["png"].tobytes())
         return path.name
     reason = "; ".join(reasons)
-    warnings.warn(
+    warn(
         f"no {path.name} was drawn: {reason}; off-screen drawing needs, on Debian, libegl1 and libgl1-mesa-dri; "
-        "all other files are complete",
-        PipelineWarning,
-        stacklevel=3,
+        "all other files are complete"
     )
     return f"none: {reason}"
 

@@ -103,7 +103,7 @@ def _path(points: Floats) -> str:
     """Return a ring in whole steps as a closed path, each point relative to the one before; nothing for a speck."""
     steps = np.rint(points).astype(np.int64)
     steps = steps[(steps != np.roll(steps, 1, axis=0)).any(axis=1)]
-    if len(steps) < 3:  # noqa: PLR2004 - two bound nothing
+    if len(steps) < 3:  # two bound nothing
         return ""
     moves = " ".join(f"{x} {y}" for x, y in np.diff(steps, axis=0).tolist())
     return f"M{steps[0, 0]} {steps[0, 1]}l{moves}z"

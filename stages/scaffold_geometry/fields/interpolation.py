@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Literal
@@ -14,7 +13,7 @@ from scaffold_geometry.arrays import Floats
 from scaffold_geometry.fields.mesh_field import MeshField
 from scaffold_geometry.fields.sampling import Voxels
 from scaffold_pipeline.artifacts import Fact
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.memory import available_memory
 
 if TYPE_CHECKING:
@@ -124,4 +123,4 @@ def _warn_of_health(method: Method, solution: Solution, greatest: float) -> None
 
 
 def _warn(message: str) -> None:
-    warnings.warn(message, PipelineWarning, stacklevel=3)
+    warn(message)

@@ -209,9 +209,9 @@ def weight(q: float, inverse: float, c1: float, inverse_reach: float, power: Pow
     g: float = max(c1 * inverse - inverse_reach, _ZERO)
     if len(power) == 1:
         return g * g * q
-    if len(power) == 3:  # noqa: PLR2004 - of the inverse
+    if len(power) == 3:  # of the inverse
         return g * g * inverse
-    if len(power) == 4:  # noqa: PLR2004 - of the inverse
+    if len(power) == 4:  # of the inverse
         return (g * inverse) * (g * inverse)
     return g * g
 

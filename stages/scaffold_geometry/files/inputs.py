@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TypeVar
@@ -10,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 
 Content = TypeVar("Content")
 
@@ -36,9 +35,7 @@ def warn_of_odd_size(vertices: NDArray[np.float64], name: str) -> None:
     longest = float(np.ptp(vertices, axis=0).max())
     # A surface scaled to the unit cube has no unit at all.
     if not _SMALLEST < longest <= _LARGEST:
-        warnings.warn(
+        warn(
             f"{name}: its longest side is {longest:.4g} mm, not between {_SMALLEST:g} and {_LARGEST:g} mm: "
-            "is `units` right?",
-            PipelineWarning,
-            stacklevel=3,
+            "is `units` right?"
         )

@@ -19,7 +19,7 @@ def read_points(path: Path) -> Floats:
         points = np.array([[float(cell) for cell in line.split(",")] for line in lines[is_named:] if line.strip()])
     except ValueError as error:
         raise StageError(f"points: {path.name} is not comma-separated numbers: {error}") from error
-    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():  # noqa: PLR2004 - x, y, z
+    if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():  # x, y, z
         raise StageError(f"points: {path.name} must hold rows of finite x, y, z in mm, got shape {points.shape}")
     return points
 

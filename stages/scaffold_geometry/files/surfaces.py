@@ -57,7 +57,7 @@ def read_surface(path: Path) -> SurfaceFile:
     """Read the surface file `path`; a `StageError` names what is wrong with it."""
     polygons = reader_of(path, _READERS, "surface")(path)
     _require_faces(polygons, path)
-    larger = int((polygons.sizes > 3).sum())  # noqa: PLR2004 - corners of a triangle
+    larger = int((polygons.sizes > 3).sum())  # corners of a triangle
     faces = _triangles(polygons, path) if larger else polygons.corners.reshape(-1, 3)
     notes = [f"read {len(faces)} triangles over {len(polygons.vertices)} vertices from {path.suffix[1:].upper()}"]
     if larger:
@@ -149,7 +149,7 @@ def _read_obj(path: Path) -> _Polygons:
             vertices.append(_first_three(words[1:], path, number))
         elif words[:1] == [b"f"]:
             face = [_obj_index(word, len(vertices), path, number) for word in words[1:]]
-            if len(face) < 3:  # noqa: PLR2004 - corners of a triangle
+            if len(face) < 3:  # corners of a triangle
                 raise StageError(f"{path.name}:{number}: a face has {len(face)} corners, needs 3 or more; {_AGAIN}")
             corners += face
             sizes.append(len(face))
@@ -157,7 +157,7 @@ def _read_obj(path: Path) -> _Polygons:
 
 
 def _first_three(words: list[bytes], path: Path, line: int) -> list[bytes]:
-    if len(words) < 3:  # noqa: PLR2004 - coordinates of a vertex
+    if len(words) < 3:  # coordinates of a vertex
         raise StageError(f"{path.name}:{line}: a vertex has {len(words)} coordinates, needs 3; {_AGAIN}")
     return words[:3]
 
@@ -189,7 +189,7 @@ def _read_off(path: Path) -> _Polygons:
         faces = [[int(word) for word in row[: int(row[0]) + 1]] for row in body[n_vertices:]]
     except ValueError as error:
         raise StageError(f"{path.name}: a count or an index of its OFF is no whole number; {_AGAIN}") from error
-    if any(len(face) != face[0] + 1 or face[0] < 3 for face in faces):  # noqa: PLR2004 - corners of a triangle
+    if any(len(face) != face[0] + 1 or face[0] < 3 for face in faces):  # corners of a triangle
         raise StageError(f"{path.name}: a face has fewer corners than it announces, or fewer than 3; {_AGAIN}")
     vertices = [_first_three(row, path, number) for number, row in enumerate(body[:n_vertices], 1)]
     corners = [corner for face in faces for corner in face[1:]]

@@ -85,7 +85,7 @@ def containment_table(end: int) -> Singles:
                 if within > end:
                     continue
                 for steps in range(1, 4):
-                    needed = (x + 1) ** 2 + (y + (steps > 1)) ** 2 + (z + (steps > 2)) ** 2 + 1  # noqa: PLR2004
+                    needed = (x + 1) ** 2 + (y + (steps > 1)) ** 2 + (z + (steps > 2)) ** 2 + 1
                     table[steps, within] = max(table[steps, within], needed)
     for steps in range(1, 4):
         for s in range(1, end + 1):

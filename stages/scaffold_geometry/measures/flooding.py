@@ -56,7 +56,7 @@ def _spread(start: int, squared: Singles, following: NDArray[np.int32], heads: N
             for b in range(max(j - 1, 0), min(j + 2, ny)):
                 for c in range(max(k - 1, 0), min(k + 2, nz)):
                     width = min(squared[a, b, c], level)
-                    if width <= 0.0 or (width < 2.0 and abs(a - i) + abs(b - j) + abs(c - k) > 1):  # noqa: PLR2004
+                    if width <= 0.0 or (width < 2.0 and abs(a - i) + abs(b - j) + abs(c - k) > 1):
                         continue
                     squared[a, b, c] = -width
                     voxel = (a * ny + b) * nz + c

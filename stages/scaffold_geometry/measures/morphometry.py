@@ -6,7 +6,6 @@ Names are those of this project; beside them stand BoneJ's (R. Domander, A. A. F
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -27,7 +26,7 @@ from scaffold_geometry.measures.local_thickness import (
 from scaffold_geometry.voxels.image import PORE, STRUT, VoxelImage
 from scaffold_geometry.voxels.voxelising import finest_spacing, voxelise
 from scaffold_pipeline.artifacts import Curve, Fact, Histogram, SurfaceMesh
-from scaffold_pipeline.errors import PipelineWarning
+from scaffold_pipeline.errors import warn
 
 MOST_VOXELS = 512**3
 """Voxels of an image at most: thickness and ways in need 2 GB of memory for so many."""
@@ -121,11 +120,9 @@ def _phases(solid: SurfaceMesh, outer: SurfaceMesh, spacing: float) -> _Phases:
 def _is_told(name: str, found: Distribution, spacing: float) -> bool:
     if is_resolved(found.mean, spacing):
         return True
-    warnings.warn(
+    warn(
         f"{name}: not told, as its mean of {found.mean:.3g} mm is {found.mean / spacing:.2g} voxels of {spacing:.3g} "
-        f"mm, where {LEAST_RESOLVED:g} are needed; set voxel_size of measure to {found.mean / LEAST_RESOLVED:.2g} mm",
-        PipelineWarning,
-        stacklevel=4,
+        f"mm, where {LEAST_RESOLVED:g} are needed; set voxel_size of measure to {found.mean / LEAST_RESOLVED:.2g} mm"
     )
     return False
 

@@ -105,7 +105,7 @@ def _parts_beside(
             for c in range(max(at[2] - 1, 0), min(at[2] + 2, nz)):
                 if labels[a, b, c] == 0:
                     continue
-                if depth < 2.0 and abs(a - at[0]) + abs(b - at[1]) + abs(c - at[2]) > 1:  # noqa: PLR2004
+                if depth < 2.0 and abs(a - at[0]) + abs(b - at[1]) + abs(c - at[2]) > 1:
                     continue
                 part = _root(parents, labels[a, b, c])
                 if squared[a, b, c] > deepest:

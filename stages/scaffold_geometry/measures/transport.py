@@ -63,7 +63,7 @@ def transport(image: VoxelImage, most_cells: int = 1_000_000) -> Transport | Non
     axis and, with an image of 512^3, 1.5 GB.
     """
     box = inscribed_box(image)
-    if box is None or box.sides.min() < 2:  # noqa: PLR2004 - every second voxel of it must be left
+    if box is None or box.sides.min() < 2:  # every second voxel of it must be left
         return None
     pores = image.phases[tuple(slice(*ends) for ends in zip(box.first, box.end, strict=True))] == PORE
     factor = _factor(int(np.count_nonzero(pores)), most_cells, int(box.sides.min()))

@@ -109,7 +109,7 @@ def prism(rings: Sequence[Floats], low: float, high: float) -> tuple[Floats, Int
     """
     import manifold3d
 
-    rings = [ring for ring in map(_in_single_precision, rings) if len(ring) > 2]  # noqa: PLR2004 - two bound nothing
+    rings = [ring for ring in map(_in_single_precision, rings) if len(ring) > 2]  # two bound nothing
     points = np.concatenate(rings)
     starts = np.cumsum([0, *(len(ring) for ring in rings)])
     a = np.arange(len(points))

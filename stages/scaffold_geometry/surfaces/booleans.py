@@ -140,7 +140,7 @@ def _cavities_within(shells: Shells, is_holder: Bools) -> Bools:
         for holder in holders[fits]:
             point = shells.vertices[shells.faces[shells.numbers == cavity][0, 0]]
             winding = winding_number(point, shells.vertices, shells.faces[shells.numbers == holder])
-            is_within[cavity] |= winding > 0.5  # noqa: PLR2004 - 1 inside, 0 outside
+            is_within[cavity] |= winding > 0.5  # 1 inside, 0 outside
     return is_within
 
 

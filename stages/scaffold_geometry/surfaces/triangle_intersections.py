@@ -37,7 +37,7 @@ def self_intersecting_faces(vertices: NDArray[np.floating], faces: NDArray[np.in
     `vertices` (n, 3) are distinct; what is finer than 2^-52 of the greatest coordinate is rounded off. Faces without
     area are left out (see `degenerate_faces`); their neighbours lie upon each other, and are found.
     """
-    if len(faces) < 2:  # noqa: PLR2004 - it takes two
+    if len(faces) < 2:  # it takes two
         return np.zeros(len(faces), np.bool_)
     points, corners = _whole_numbers(vertices), np.ascontiguousarray(faces, np.int64)
     low, high = _boxes(points, corners)
@@ -173,9 +173,9 @@ def _meet(points: Floats, faces: Ints, i: int, j: int) -> bool:
                 other_turn += m
     if shared == 0:
         return _meet_apart(points, faces[i, 0], faces[i, 1], faces[i, 2], faces[j, 0], faces[j, 1], faces[j, 2])
-    if shared == 3:  # noqa: PLR2004 - all corners
+    if shared == 3:  # all corners
         return True
-    if shared == 2:  # noqa: PLR2004 - an edge: the corners' numbers add up to 3, less that of the third
+    if shared == 2:  # an edge: the corners' numbers add up to 3, less that of the third
         turn, other_turn = 3 - turn, 3 - other_turn
     a, b, c = faces[i, turn], faces[i, (turn + 1) % 3], faces[i, (turn + 2) % 3]
     d, e = faces[j, (other_turn + 1) % 3], faces[j, (other_turn + 2) % 3]
@@ -200,10 +200,10 @@ def _meet_beyond_vertex(points: Floats, a: int, b: int, c: int, d: int, e: int) 
 def _meet_apart(points: Floats, a: int, b: int, c: int, d: int, e: int, f: int) -> bool:
     """Triangles without a common vertex meet where a side of one meets the other."""
     of_d, of_e, of_f = _side(points, a, b, c, d), _side(points, a, b, c, e), _side(points, a, b, c, f)
-    if abs(of_d + of_e + of_f) == 3:  # noqa: PLR2004 - all on one side
+    if abs(of_d + of_e + of_f) == 3:  # all on one side
         return False
     of_a, of_b, of_c = _side(points, d, e, f, a), _side(points, d, e, f, b), _side(points, d, e, f, c)
-    if abs(of_a + of_b + of_c) == 3:  # noqa: PLR2004
+    if abs(of_a + of_b + of_c) == 3:
         return False
     return (
         _pierces(points, d, e, of_d, of_e, a, b, c)

@@ -84,10 +84,10 @@ def edge_faults(faces: Ints) -> EdgeFaults:
     key = _edge_keys(faces)
     _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
     forward = np.bincount(edge, weights=_tails(faces) < _heads(faces), minlength=len(uses))
-    pairs = uses == 2  # noqa: PLR2004 - an edge of a closed surface has two faces
+    pairs = uses == 2  # an edge of a closed surface has two faces
     return EdgeFaults(
         boundary=int((uses == 1).sum()),
-        non_manifold=int((uses > 2).sum()),  # noqa: PLR2004
+        non_manifold=int((uses > 2).sum()),
         misoriented=int((pairs & (forward != 1)).sum()),
     )
 

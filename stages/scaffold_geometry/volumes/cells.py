@@ -202,10 +202,10 @@ def _match_faces(corners: Ints, owners: Ints) -> _FaceMatches:
     is_new[1:] = (rows[order[1:]] != rows[order[:-1]]).any(axis=1)
     sizes = np.diff(np.append(np.flatnonzero(is_new), len(order)))
     firsts = np.flatnonzero(is_new)
-    alone, (one, other) = order[firsts[sizes == 1]], (order[firsts[sizes == 2] + step] for step in (0, 1))  # noqa: PLR2004
+    alone, (one, other) = order[firsts[sizes == 1]], (order[firsts[sizes == 2] + step] for step in (0, 1))
     agrees = (rolled[one][:, [0, *range(width - 1, 0, -1)]] == rolled[other]).all(axis=1)
     pairs = np.column_stack([owners[one], owners[other]])
-    is_crowded = np.repeat(sizes > 2, sizes)  # noqa: PLR2004
+    is_crowded = np.repeat(sizes > 2, sizes)
     return _FaceMatches(
         corners[alone], owners[alone], pairs[agrees], pairs[~agrees], np.unique(owners[order[is_crowded]])
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.volumes.ftetwild import run_ftetwild
 from scaffold_pipeline.artifacts import Fact, Solid, VolumeMesh
 from scaffold_pipeline.artifacts.cells import cell_volumes, distinct_rows, faces_of_cells
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import Arrays, call_in_child
 
 VOLUME_TOLERANCE = 0.01
@@ -90,11 +89,9 @@ def _measure_quality(mesh: VolumeMesh, solid: Solid) -> dict[str, Fact]:
 
     worst = quality(mesh)
     if worst.flat_cells:
-        warnings.warn(
+        warn(
             f"mesh of the solid: {worst.flat_cells} of {len(mesh.tetrahedra)} cells have a dihedral angle below "
-            f"{FLAT:g} degrees, the least {worst.dihedral_angle:.2g}; a larger edge_length gives rounder cells",
-            PipelineWarning,
-            stacklevel=4,
+            f"{FLAT:g} degrees, the least {worst.dihedral_angle:.2g}; a larger edge_length gives rounder cells"
         )
     skin = mesh.vertices[np.unique(_faces(mesh.tetrahedra).outer)]
     squared, _, _ = point_mesh_squared_distance(skin, solid.vertices, solid.faces)
@@ -146,11 +143,9 @@ def require_solid(mesh: VolumeMesh, solid: Solid) -> None:
 def _warn_of_other_topology(mesh: VolumeMesh, solid: Solid) -> None:
     if difference := _euler_difference(mesh, solid):
         what = "narrow gaps are bridged" if difference < 0 else "thin struts are broken, or small holes filled"
-        warnings.warn(
+        warn(
             f"mesh of the solid: its Euler characteristic is {difference:+d} off that of the solid: {what}; lower "
-            "edge_length for a closer mesh",
-            PipelineWarning,
-            stacklevel=4,
+            "edge_length for a closer mesh"
         )
 
 

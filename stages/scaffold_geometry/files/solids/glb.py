@@ -73,7 +73,7 @@ def _scene(model: Model, vertex_bytes: int, face_bytes: int) -> dict[str, Any]:
 def _linear(colour: str) -> list[float]:
     """Return red, green, blue and alpha in the linear light that glTF asks for (IEC 61966-2-1)."""
     shares = [int(colour[start : start + 2], 16) / 255.0 for start in (1, 3, 5)]
-    linear = [s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares]  # noqa: PLR2004
+    linear = [s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares]
     return [*(round(share, 6) for share in linear), 1.0]
 
 

@@ -176,9 +176,9 @@ def _assemble(parts: dict[str, _Part], instances: list[_Instance], name: str) ->
 def _place_instance(points: Floats, moves: list[Floats], name: str) -> Floats:
     """Return points translated by a line of 3 numbers, then turned by one of 7: two points of the axis, degrees."""
     for move in moves:
-        if len(move) == 3:  # noqa: PLR2004
+        if len(move) == 3:
             points = points + move
-        elif len(move) == 7 and (move[:3] != move[3:6]).any():  # noqa: PLR2004
+        elif len(move) == 7 and (move[:3] != move[3:6]).any():
             from scipy.spatial.transform import Rotation
 
             axis = (move[3:6] - move[:3]) / np.linalg.norm(move[3:6] - move[:3])

@@ -101,7 +101,7 @@ def read_gmsh(path: Path) -> Blocks:
     """Read the MSH file `path`."""
     sections = _sections(path.read_bytes(), path.name)
     header = _header(sections, path.name)
-    node_name, element_name = ("NOD", "ELM") if header.version < 2 else ("Nodes", "Elements")  # noqa: PLR2004
+    node_name, element_name = ("NOD", "ELM") if header.version < 2 else ("Nodes", "Elements")
     for needed in (node_name, element_name):
         if needed not in sections:
             raise StageError(f"{path.name}: has no section ${needed}; {AGAIN}")
@@ -151,7 +151,7 @@ def _numbers(body: bytes, header: _Header, place: str) -> _Numbers:
 
 def _with_count(body: bytes, header: _Header, place: str) -> bytes:
     """Return a section's body, its count in the form of its numbers: version 2 has it as text in binary files, too."""
-    if not header.byte_order or header.version >= 4:  # noqa: PLR2004
+    if not header.byte_order or header.version >= 4:
         return body
     count, _, rest = body.partition(b"\n")
     found = to_indices(numbers_in(count, place), place)
@@ -163,17 +163,17 @@ def _with_count(body: bytes, header: _Header, place: str) -> bytes:
 def _nodes(section: _Numbers, header: _Header) -> tuple[Ints, Floats]:
     """Return the numbers (n,) and places (n, 3) of the nodes."""
     coordinates = (_DOUBLE, _DOUBLE, _DOUBLE)
-    if header.version < 4:  # noqa: PLR2004
+    if header.version < 4:
         (count,) = section.ints(_SIZE)
         rows = section.take(count, _INT, *coordinates)
         return to_indices(rows[:, 0], section.place), rows[:, 1:]
-    is_first = header.version < 4.1  # noqa: PLR2004 - 4.0 has fewer counts, and each number beside its node
+    is_first = header.version < 4.1  # 4.0 has fewer counts, and each number beside its node
     block_count = section.ints(*[_SIZE] * (2 if is_first else 4))[0]
     ids, points = [np.empty(0)], [np.empty((0, 3))]
     for _ in range(block_count):
         one, other, is_parametric, count = section.ints(_INT, _INT, _INT, _SIZE)
         dimension = other if is_first else one
-        if not 0 <= dimension <= 3:  # noqa: PLR2004
+        if not 0 <= dimension <= 3:
             raise StageError(f"{section.place}: a block is of dimension {dimension}, must be 0 to 3; {AGAIN}")
         parameters = [_DOUBLE] * (dimension if is_parametric else 0)
         if is_first:
@@ -187,7 +187,7 @@ def _nodes(section: _Numbers, header: _Header) -> tuple[Ints, Floats]:
 
 
 def _elements(section: _Numbers, header: _Header) -> list[_Elements]:
-    if header.version >= 4:  # noqa: PLR2004
+    if header.version >= 4:
         return _elements_in_blocks(section, header)
     (count,) = section.ints(_SIZE)
     found = _binary_elements(section, count) if header.byte_order else _text_elements(section, header)
@@ -198,7 +198,7 @@ def _elements(section: _Numbers, header: _Header) -> list[_Elements]:
 
 
 def _elements_in_blocks(section: _Numbers, header: _Header) -> list[_Elements]:
-    is_first = header.version < 4.1  # noqa: PLR2004
+    is_first = header.version < 4.1
     number = _INT if is_first else _SIZE
     block_count = section.ints(*[_SIZE] * (2 if is_first else 4))[0]
     found = []
@@ -224,14 +224,14 @@ def _binary_elements(section: _Numbers, count: int) -> list[_Elements]:
 
 def _text_elements(section: _Numbers, header: _Header) -> list[_Elements]:
     """Read rows `number type tag-count tags nodes`, in version 1 `number type physical elementary node-count nodes`."""
-    column = 4 if header.version < 2 else 2  # noqa: PLR2004
+    column = 4 if header.version < 2 else 2
     found, chunk = [], 1
     while not section.is_at_end:
         rest = section.ahead()
         require_numbers(len(rest), column + 1, section.place)
         head = to_indices(rest[: column + 1], section.place)
         of_type = _type(int(head[1]), section.place)
-        lead = 5 if header.version < 2 else 3 + int(head[column])  # noqa: PLR2004
+        lead = 5 if header.version < 2 else 3 + int(head[column])
         width = lead + of_type.nodes
         require_numbers(len(rest), width if lead >= column + 1 else -1, section.place)
         rows = rest[: min(len(rest) // width, chunk) * width].reshape(-1, width)

@@ -45,7 +45,7 @@ def read_volume(path: Path) -> VolumeFile:
 
 def _require_known(blocks: list[Block], name: str) -> None:
     """Refuse cells that fill space and are none of the four kinds, and files without cells."""
-    foreign = [block for block in blocks if block.type.dimension == 3 and not block.type.kind and block.number]  # noqa: PLR2004
+    foreign = [block for block in blocks if block.type.dimension == 3 and not block.type.kind and block.number]
     if foreign:
         raise StageError(f"{name}: has cells of a kind that cannot be filled: {_count_elements(foreign)}; {_EXPORT}")
     if not any(block.number for block in blocks if block.type.kind):

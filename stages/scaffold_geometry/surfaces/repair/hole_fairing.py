@@ -55,7 +55,7 @@ def _flip_to_delaunay(vertices: Floats, patch: Ints, known: set[tuple[int, int]]
     for _ in range(_FLIPS):
         edges = edges_of(patch)
         order = np.argsort(edges.of, kind="stable")
-        starts = (np.cumsum(edges.uses) - edges.uses)[edges.uses == 2]  # noqa: PLR2004 - inner edges
+        starts = (np.cumsum(edges.uses) - edges.uses)[edges.uses == 2]  # inner edges
         one, other = order[starts], order[starts + 1]
         tails, heads = patch.ravel()[one], np.roll(patch, -1, axis=1).ravel()[one]
         apexes = [np.roll(patch, -2, axis=1).ravel()[half_edge] for half_edge in (one, other)]

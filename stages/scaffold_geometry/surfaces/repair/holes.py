@@ -67,7 +67,7 @@ def _loops(vertices: Floats, faces: Ints) -> list[Ints]:
     for start in sorted(ways):
         while ways[start]:
             loops += _walk_loops(vertices, ways, start)
-    return [np.array(loop) for loop in loops if len(loop) > 2]  # noqa: PLR2004 - corners of a triangle
+    return [np.array(loop) for loop in loops if len(loop) > 2]  # corners of a triangle
 
 
 def _walk_loops(vertices: Floats, ways: dict[int, list[int]], start: int) -> list[list[int]]:

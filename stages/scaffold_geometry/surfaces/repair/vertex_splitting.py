@@ -55,7 +55,7 @@ def split_non_manifold(vertices: Floats, faces: Ints) -> SplitSurface:
     where there is no direction inwards.
     """
     _, uses = np.unique(_edge_keys(faces), return_counts=True)
-    touching_edges, places = int((uses > 2).sum()), vertices  # noqa: PLR2004 - an edge has two faces
+    touching_edges, places = int((uses > 2).sum()), vertices  # an edge has two faces
     for _ in range(_ROUNDS):
         partner = _partners(places, faces)
         fans = _fans(faces, partner)
@@ -93,9 +93,9 @@ def _partners(vertices: Floats, faces: Ints) -> Ints:
     starts = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
     sizes = np.diff(np.append(starts, len(key)))
     partner = np.empty(faces.size, dtype=np.int64)
-    pairs = starts[sizes == 2]  # noqa: PLR2004
+    pairs = starts[sizes == 2]
     partner[order[pairs]], partner[order[pairs + 1]] = order[pairs + 1], order[pairs]
-    for start, size in zip(starts[sizes != 2], sizes[sizes != 2], strict=True):  # noqa: PLR2004
+    for start, size in zip(starts[sizes != 2], sizes[sizes != 2], strict=True):
         around = order[start : start + size]
         one, other = _pair_half_edges(vertices, faces, around)
         partner[one], partner[other] = other, one
@@ -137,7 +137,7 @@ def _find_double_edges(fans: Ints, partner: Ints) -> Ints:
     """Return half-edges, one of each pair, whose edge has four faces though its ends are fans of their own."""
     _, edge, uses = np.unique(_edge_keys(fans), return_inverse=True, return_counts=True)
     half_edges = np.arange(fans.size)
-    return np.flatnonzero((uses[edge] > 2) & (half_edges < partner))  # noqa: PLR2004
+    return np.flatnonzero((uses[edge] > 2) & (half_edges < partner))
 
 
 def _split_edges(vertices: Floats, faces: Ints, doubled: Ints, partner: Ints) -> tuple[Floats, Ints]:
@@ -214,7 +214,7 @@ def _is_in_solid(fan: _Fan, direction: Floats) -> bool:
     closed = np.concatenate([np.column_stack([np.full(count, k), rim[:, :: 1 - 2 * k]]) for k in (0, 1)])
     below = fan.rays[0].mean(axis=0) - _NEAR * fan.normals[0]
     one, other = (triangles.winding_number(_NEAR * ray, corners, closed) for ray in (direction, below))
-    return abs(one - other) < 0.5  # noqa: PLR2004 - they differ by nothing or by one
+    return abs(one - other) < 0.5  # they differ by nothing or by one
 
 
 def _inwards(inner: Floats) -> Floats | None:

@@ -71,7 +71,7 @@ def _samples(
     for some in np.array_split(near, -(-len(near) // 1_000_000) or 1):
         winding, distance = _winding_and_distance(vertices, faces, origin + spacing * some)
         height = np.minimum(distance, _SLOPE * spacing * np.abs(winding - 0.5))
-        samples[tuple(some.T)] = np.where(winding > 0.5, height, -height)  # noqa: PLR2004 - halfway in
+        samples[tuple(some.T)] = np.where(winding > 0.5, height, -height)  # halfway in
     return samples
 
 
