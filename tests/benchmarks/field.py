@@ -21,7 +21,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from kernels.oracle import icosahedron
+from geometry.fields.oracle import icosahedron
 from scaffold_geometry.fields import interpolant, shepard
 from scaffold_geometry.fields.sampling import voxels_over
 from scaffold_geometry.fields.shepard_grid import TILE, field_on_tiles

@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 from scipy.spatial import Delaunay
 
-from kernels.oracle import (
+from geometry.fields.oracle import (
     Elements,
     Floats,
     Mesh,
@@ -26,7 +26,7 @@ from kernels.oracle import (
     phi,
     to_segment,
 )
-from kernels.shepard_oracle import extremes, graded, jittered, mixed, net_of, oriented, shepard, tetrahedra
+from geometry.fields.shepard_oracle import extremes, graded, jittered, mixed, net_of, oriented, shepard, tetrahedra
 from scaffold_geometry.fields import interpolation, sampling
 from scaffold_geometry.fields.skeleton import skeleton_of
 from scaffold_geometry.surfaces import booleans

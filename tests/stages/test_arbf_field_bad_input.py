@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from kernels.oracle import HEXAHEDRON, Floats, Mesh, interpolant_of
-from kernels.shepard_oracle import extremes, jittered, net_of, oriented, shepard, tetrahedra
+from geometry.fields.oracle import HEXAHEDRON, Floats, Mesh, interpolant_of
+from geometry.fields.shepard_oracle import extremes, jittered, net_of, oriented, shepard, tetrahedra
 from scaffold_pipeline.artifacts import Certificate, OuterShape, ScalarField, VolumeMesh
 from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.errors import PipelineWarning, StageError

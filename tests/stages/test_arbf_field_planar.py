@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kernels.oracle import Elements, Floats, between, phi, to_segment
-from kernels.shepard_oracle import Net, shepard
+from geometry.fields.oracle import Elements, Floats, between, phi, to_segment
+from geometry.fields.shepard_oracle import Net, shepard
 from scaffold_pipeline.artifacts import CellMesh, OuterShape, PlanarMesh, ScalarField, VolumeMesh
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import stage_from_function

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from kernels.test_picture import can_draw
+from geometry.drawing.test_renders import can_draw
 from scaffold_geometry.drawing import renders
 from scaffold_pipeline.artifacts import PlanarMesh, VolumeMesh
 from scaffold_pipeline.errors import PipelineWarning, StageError

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from kernels.oracle import (
+from geometry.fields.oracle import (
     REFERENCE_MESHES,
     Floats,
     Mesh,

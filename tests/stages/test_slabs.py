@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from kernels.shepard_oracle import graded
+from geometry.fields.shepard_oracle import graded
 from scaffold_geometry.fields import slabs
 from scaffold_pipeline.errors import StageError
 from scaffold_stages.arbf_field import ArbfFieldParams, arbf_field

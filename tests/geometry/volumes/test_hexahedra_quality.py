@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kernels.oracle import HEXAHEDRON, Floats, Ints
+from geometry.fields.oracle import HEXAHEDRON, Floats, Ints
 from scaffold_geometry.volumes.hexahedra.quality import least_jacobians, sweep
 from shapes import hexahedra
 

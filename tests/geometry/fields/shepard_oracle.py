@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kernels.oracle import HEXAHEDRON, Floats, Ints, Mesh
+from geometry.fields.oracle import HEXAHEDRON, Floats, Ints, Mesh
 
 FACES = {
     "tetrahedron": ["012", "013", "023", "123"],

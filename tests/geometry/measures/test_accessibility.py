@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import label
 
-from measures.voxel_images import access_oracle, blobs, gyroid, image_of, thickness_oracle
+from geometry.measures.voxel_images import access_oracle, blobs, gyroid, image_of, thickness_oracle
 from scaffold_geometry.measures.accessibility import accessibility, reachable_share
 from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 

@@ -1,6 +1,6 @@
 """The exact interpolant: published numbers, an oracle by other means, and the ways in which it fails.
 
-`NUMBA_DISABLE_JIT=1 pytest tests/kernels` runs all of it interpreted but what is skipped with a reason.
+`NUMBA_DISABLE_JIT=1 pytest tests/geometry/fields` runs all of it interpreted but what is skipped with a reason.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from scipy.spatial import Delaunay
 
-from kernels.oracle import (
+from geometry.fields.oracle import (
     REFERENCE_MESHES,
     Floats,
     Mesh,

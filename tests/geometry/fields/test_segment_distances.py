@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kernels.oracle import searched, to_segment
+from geometry.fields.oracle import searched, to_segment
 from scaffold_geometry.fields.segment_distances import (
     DISTANCE_DEFINITIONS,
     frames_of,

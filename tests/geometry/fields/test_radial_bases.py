@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from kernels.oracle import phi
+from geometry.fields.oracle import phi
 from scaffold_geometry.fields.radial_bases import (
     BASES,
     ROOT_SCALE,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from kernels.oracle import (
+from geometry.fields.oracle import (
     HEXAHEDRON,
     REFERENCE_MESHES,
     Floats,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from measures.voxel_images import blobs, gyroid, image_of, places, squared, thickness_oracle
+from geometry.measures.voxel_images import blobs, gyroid, image_of, places, squared, thickness_oracle
 from scaffold_geometry.measures import balls
 from scaffold_geometry.measures import local_thickness as measure
 from scaffold_geometry.measures.local_thickness import local_thickness

@@ -1,6 +1,6 @@
 """The normalised field against an oracle by other means, its laws, and that nothing of how it is computed shows.
 
-`NUMBA_DISABLE_JIT=1 pytest tests/kernels/test_shepard.py` runs interpreted what is not skipped with a reason.
+`NUMBA_DISABLE_JIT=1 pytest tests/geometry/fields/test_shepard.py` runs interpreted what is not skipped with a reason.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from kernels.oracle import Floats, Ints, eight_hexahedra, icosahedron, one_tetrahedron
-from kernels.shepard_oracle import Net, extremes, graded, jittered, mixed, net_of, shepard, tetrahedra
+from geometry.fields.oracle import Floats, Ints, eight_hexahedra, icosahedron, one_tetrahedron
+from geometry.fields.shepard_oracle import Net, extremes, graded, jittered, mixed, net_of, shepard, tetrahedra
 from scaffold_geometry.fields import certificate, shepard_grid
 from scaffold_geometry.fields import shepard as shepard_module
 from scaffold_geometry.fields.certificate import Rings, extremes_of

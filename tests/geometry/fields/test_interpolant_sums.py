@@ -8,8 +8,8 @@ import numba
 import numpy as np
 import pytest
 
-from kernels import oracle
-from kernels.oracle import REFERENCE_MESHES, Floats, one_tetrahedron, phi, to_segment
+from geometry.fields import oracle
+from geometry.fields.oracle import REFERENCE_MESHES, Floats, one_tetrahedron, phi, to_segment
 from scaffold_geometry.fields.interpolant import (
     Elements,
     assemble,
