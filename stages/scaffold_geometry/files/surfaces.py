@@ -68,11 +68,6 @@ def read_surface(path: Path) -> SurfaceFile:
     return SurfaceFile(polygons.vertices, faces, polygons.unit, tuple(notes))
 
 
-def size_in_words(vertices: Floats, faces: Ints) -> str:
-    """Return the bounding box of what the faces (m, 3) use as `70.2 x 57.7 x 61.8`."""
-    return " x ".join(f"{length:.4g}" for length in np.ptp(vertices[faces], axis=(0, 1)))
-
-
 def _require_faces(polygons: _Polygons, path: Path) -> None:
     if not len(polygons.sizes):
         start = path.read_bytes()[:30].decode("ascii", "replace").split("\n")[0]

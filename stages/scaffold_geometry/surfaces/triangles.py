@@ -47,6 +47,11 @@ def merge_coincident(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return places[keep], place[faces]
 
 
+def size_in_words(vertices: Floats, faces: Ints) -> str:
+    """Return the bounding box of what the faces (m, 3) use as `70.2 x 57.7 x 61.8`."""
+    return " x ".join(f"{length:.4g}" for length in np.ptp(vertices[faces], axis=(0, 1)))
+
+
 def drop_unreferenced(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Return the mesh without the vertices that no face uses."""
     used = np.zeros(len(vertices), dtype=bool)
