@@ -49,11 +49,7 @@ class WriteSolidParams(Params):
     """Whether the pore space is written too, `void.stl` and so on in the same formats, for casting or flow."""
 
 
-@stage(
-    writes="written",
-    version=5,
-    libraries=("lib3mf", "libigl", "llvmlite", "manifold3d", "numba", "pyvista", "scipy", "trimesh", "vtk"),
-)
+@stage(writes="written", version=5)
 def write_solid(
     solid: Solid,
     outer: OuterShape | None = None,

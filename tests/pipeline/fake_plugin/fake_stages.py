@@ -13,8 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from scaffold_geometry.arrays import Floats
-from scaffold_pipeline.artifacts import Artifact, Fact, Metrics
+from scaffold_pipeline.artifacts import Artifact, Fact, Floats, Metrics
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.threads import thread_count
 from scaffold_pipeline.stages.contract import Follows, InputFile, Millimetres, Params, Unit, stage
