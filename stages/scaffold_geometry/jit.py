@@ -29,6 +29,8 @@ from llvmlite import binding as llvm
 from numba import prange
 from numpy.typing import NDArray
 
+from scaffold_pipeline.stages.libraries import imports_in
+
 __all__ = ["kernel", "parallel_kernel", "prange", "spread"]
 
 
@@ -128,13 +130,9 @@ def _sources_of(module: str) -> set[str]:
 @cache
 def _imports(module: str) -> frozenset[str]:
     """Return the modules that `module` imports as it is loaded, not inside a function."""
-    names: list[str] = []
-    for line in ast.parse(_source(module)).body:
-        if isinstance(line, ast.ImportFrom):
-            names += [str(line.module), *(f"{line.module}.{alias.name}" for alias in line.names)]
-        elif isinstance(line, ast.Import):
-            names += [alias.name for alias in line.names]
-    return frozenset(name for name in names if name in sys.modules)
+    package = sys.modules[module].__package__ or ""
+    pairs = imports_in(ast.parse(_source(module)).body, package)
+    return frozenset(name for base, inner in pairs for name in (base, f"{base}.{inner}") if name in sys.modules)
 
 
 def _source(module: str) -> bytes:

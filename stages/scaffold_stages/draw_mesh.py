@@ -19,7 +19,7 @@ class DrawMeshParams(Params):
     """Whether the channels, cell centre to face centre, are drawn too, thinner and in blue."""
 
 
-@stage(writes="mesh_picture", version=1, libraries=("pyvista", "vtk"))
+@stage(writes="mesh_picture", version=1)
 def draw_mesh(mesh: CellMesh, *, params: DrawMeshParams, out: Path) -> WrittenFiles:
     """Draw the edges of a mesh, and its channels, as `mesh.png`, in the view that `preview.png` has."""
     skeleton = skeleton_of(mesh.vertices, mesh.cells)

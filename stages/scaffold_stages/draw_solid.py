@@ -43,11 +43,7 @@ class DrawSolidParams(Params):
     """Where the planes across x, y and z cut, from the solid's one end to the other."""
 
 
-@stage(
-    writes="drawing",
-    version=1,
-    libraries=("fast_simplification", "libigl", "manifold3d", "pyvista", "scipy", "vtk"),
-)
+@stage(writes="drawing", version=1)
 def draw_solid(
     solid: Solid,
     outer: OuterShape | None = None,

@@ -17,9 +17,7 @@ class ExtrudeParams(Params):
     """Thickness of the plate, along z from the contour's plane."""
 
 
-@stage(
-    writes="solid", version=2, libraries=("libigl", "llvmlite", "manifold3d", "numba", "scikit-image", "scipy", "vtk")
-)
+@stage(writes="solid", version=2)
 def extrude(contour: Contour, *, params: ExtrudeParams) -> Solid:
     """Make a plate of a contour, `height` mm thick, standing on its plane.
 

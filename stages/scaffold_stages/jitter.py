@@ -28,7 +28,7 @@ class JitterParams(Params):
     """Whether vertices of the boundary slide on it or move freely."""
 
 
-@stage(writes="mesh", version=2, libraries=("libigl",))
+@stage(writes="mesh", version=2)
 def jitter(mesh: VolumeMesh, *, params: JitterParams, rng: np.random.Generator) -> VolumeMesh:
     """Move each vertex in a random direction, by at most `amount` of the mean length of its edges.
 

@@ -48,7 +48,7 @@ class LoadVolumeMeshParams(Params):
     """Distance up to which vertices become one, to close cracks between cells; left out, cracks are only told of."""
 
 
-@stage(writes="mesh", version=1, libraries=("scipy", "trimesh", "vtk"))
+@stage(writes="mesh", version=1)
 def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
     """Read tetrahedra, hexahedra, wedges and pyramids in mm, turn inverted cells, and refuse what is no sound mesh.
 

@@ -63,7 +63,7 @@ class MakeMeshParams(Params):
         return self.counts or _COUNTS.get(self.shape, (0, 0, 0))
 
 
-@stage(writes="mesh", version=1, libraries=("scipy",))
+@stage(writes="mesh", version=1)
 def make_mesh(*, params: MakeMeshParams) -> VolumeMesh:
     """Make one of the paper's small meshes, or a block of hexahedra or tetrahedra, about the origin.
 

@@ -79,7 +79,7 @@ class MakeShapeParams(Params):
         return width, self.depth or width, self.height
 
 
-@stage(writes="outer", version=1, libraries=("scikit-image", "scipy"))
+@stage(writes="outer", version=1)
 def make_shape(*, params: MakeShapeParams) -> OuterShape:
     """Make a box, ball, cylinder or femur: closed, outward, of even triangles, the same at every run.
 

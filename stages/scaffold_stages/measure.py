@@ -52,11 +52,7 @@ class MeasureParams(GateParams):
     """What the printer can do: each rule that the solid breaks is a finding, not a failure."""
 
 
-@stage(
-    writes="metrics",
-    version=9,
-    libraries=("edt", "libigl", "llvmlite", "numba", "pyamg", "scipy"),
-)
+@stage(writes="metrics", version=9)
 def measure(
     solid: Solid,
     outer: OuterShape,

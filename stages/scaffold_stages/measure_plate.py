@@ -31,7 +31,7 @@ class MeasurePlateParams(Params):
     """Whether an iso at which struts are broken fails, by the field's certificate."""
 
 
-@stage(writes="metrics", version=1, libraries=("scipy",))
+@stage(writes="metrics", version=1)
 def measure_plate(
     solid: Solid, contour: Contour, field: ScalarField, mesh: PlanarMesh | None = None, *, params: MeasurePlateParams
 ) -> Metrics:

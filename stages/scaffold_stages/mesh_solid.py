@@ -34,7 +34,7 @@ class MeshSolidParams(Params):
     """Time after which the mesh is given up."""
 
 
-@stage(writes="solid_mesh", version=1, repeatable=False, libraries=("libigl", "pytetwild", "pyvista", "scipy", "vtk"))
+@stage(writes="solid_mesh", version=1, repeatable=False)
 def mesh_solid(solid: Solid, *, params: MeshSolidParams, out: Path) -> VolumeMesh:
     """Fill the solid with tetrahedra for finite elements, written as VTU and Abaqus INP and read back.
 

@@ -71,7 +71,7 @@ class TetrahedraliseParams(Params):
         return self
 
 
-@stage(writes="mesh", version=2, libraries=("pytetwild", "scipy"), repeatable=False)
+@stage(writes="mesh", version=2, repeatable=False)
 def tetrahedralise(outer: OuterShape, *, params: TetrahedraliseParams) -> VolumeMesh:
     """Fill the outer shape with tetrahedra whose mean edge is the one asked for.
 

@@ -28,7 +28,7 @@ class WriteFieldParams(Params):
     """CSV file of points x, y, z in mm; the field itself is evaluated there and written to `field_at_points.csv`."""
 
 
-@stage(writes="field_files", version=1, libraries=("vtk",))
+@stage(writes="field_files", version=1)
 def write_field(field: ScalarField, *, params: WriteFieldParams, out: Path) -> WrittenFiles:
     """Write the field on its voxels as VTI, NRRD and NPY, with origin and spacing in mm, and at points as CSV.
 

@@ -18,6 +18,7 @@ from scaffold_geometry.files.solids.checks import FileVerifier, expect_solid
 from scaffold_geometry.files.solids.formats import FORMATS
 from scaffold_geometry.files.solids.model import Mesh, Model, mesh_of_corners
 from scaffold_geometry.files.solids.pore_space import PoreSpace, pore_space
+from scaffold_geometry.files.solids.writing import round_to_float32, write_verified
 from scaffold_geometry.surfaces.merge_corners import to_single
 from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
 from scaffold_pipeline.errors import StageError, warn
@@ -49,11 +50,7 @@ class WriteSolidParams(Params):
     """Whether the pore space is written too, `void.stl` and so on in the same formats, for casting or flow."""
 
 
-@stage(
-    writes="written",
-    version=5,
-    libraries=("lib3mf", "libigl", "llvmlite", "manifold3d", "numba", "pyvista", "scipy", "trimesh", "vtk"),
-)
+@stage(writes="written", version=5)
 def write_solid(
     solid: Solid,
     outer: OuterShape | None = None,
@@ -75,7 +72,7 @@ def write_solid(
             "void: needs the outer shape, which no stage before this one writes to slot 'outer'; name its slot with "
             "`from: {outer: NAME}`, or set void off"
         )
-    mesh = _round_to_float32(solid)
+    mesh = round_to_float32(solid)
     model = Model(mesh, params.name, params.colour.upper(), config_hash)
     facts: dict[str, Fact] = {"coordinate_step": _coordinate_step(mesh)}
     with TemporaryDirectory(dir=out, prefix=".partial-") as name:
@@ -97,7 +94,7 @@ def _write_surface(name: str, body: Solid, model: Model, formats: tuple[Format, 
     facts: dict[str, Fact] = {}
     for kind in formats:
         path = folder / f"{name}.{kind}"
-        volume = _write_checked(kind, path, model, verifier)
+        volume = write_verified(path, FORMATS[kind], model, verifier)
         facts |= _facts_of_file(path, kind, model.mesh, volume)
     return facts
 
@@ -115,18 +112,6 @@ def _write_void(space: PoreSpace, model: Model, formats: tuple[Format, ...], fol
     }
 
 
-def _round_to_float32(solid: Solid) -> Mesh:
-    """Return the mesh as all files hold it, float32 and merged by equal coordinates; a warning where that moves it."""
-    single = to_single(solid.vertices)
-    moved = np.abs(single - solid.vertices)
-    if moved.any():
-        warn(
-            f"solid: {int(moved.any(axis=1).sum())} of {len(moved)} vertices are not exact in float32; in the files "
-            f"they lie up to {moved.max():.2g} mm off"
-        )
-    return mesh_of_corners(single[solid.faces])
-
-
 def _coordinate_step(mesh: Mesh) -> float:
     """Return the distance of neighbouring float32 numbers at the farthest vertex, mm; a warning where it is coarse."""
     farthest = np.abs(mesh.vertices).max()
@@ -137,15 +122,6 @@ def _coordinate_step(mesh: Mesh) -> float:
             "mm apart; move the outer shape nearer to the origin for finer ones"
         )
     return step
-
-
-def _write_checked(kind: Format, path: Path, model: Model, verifier: FileVerifier) -> float:
-    """Write a file, have each of its readers read it, and return its volume, mm^3."""
-    try:
-        FORMATS[kind].write(path, model)
-        return [verifier.volume_of(read(path), reader) for reader, read in FORMATS[kind].readers.items()][-1]
-    except StageError as error:
-        raise StageError(f"{path.name}: {error}; no file was kept") from error
 
 
 def _facts_of_file(path: Path, kind: Format, mesh: Mesh, volume: float) -> dict[str, Fact]:

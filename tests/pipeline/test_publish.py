@@ -117,6 +117,15 @@ def test_metrics_are_flat_and_tell_time_and_memory(project: Project):
     assert metrics["peak_memory_bytes"] == max(stage["peak_memory_bytes"] for stage in record["stages"])
 
 
+def test_what_two_stages_measured_is_in_one_file_of_metrics(project: Project):
+    run(project, "stages: [{use: make_points}, {use: count_points}, {use: span_points, most: 2}]")
+    metrics = json.loads((OUT / "metrics.json").read_text())
+    assert (metrics["points"], metrics["length"]) == (4, 3.0)
+    assert metrics["quality"] == ["length: must be at most 2 mm, got 3"]
+    measures = json.loads((OUT / "measures.json").read_text())
+    assert [entry["name"] for entry in (*measures["histograms"], *measures["curves"])] == ["gaps", "order"]
+
+
 def test_a_run_that_measures_nothing_says_so(project: Project):
     plan = make_plan(read_draft(project.write("stages: [{use: make_points}]")))
     assert run_metrics(execute(plan, OUT))["quality"] == "not measured"

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from pipeline.workplace import Project, harm, ran
+from scaffold_pipeline.artifacts import Metrics
 from scaffold_pipeline.config.plan import Plan
 from scaffold_pipeline.errors import MemoryShortageError, PipelineError, StageDefinitionError, StageError
 from scaffold_pipeline.run import records, runner
+from scaffold_pipeline.run.measurements import merge_metrics
 from scaffold_pipeline.run.records import StepRecord
-from scaffold_pipeline.run.runner import RunResult, execute, unchanged_labels
+from scaffold_pipeline.run.runner import Progress, RunResult, execute, unchanged_labels
 
 CHAIN = """
     seed: 7
@@ -45,11 +47,86 @@ def test_each_step_is_recorded_with_all_that_made_it(project: Project):
     assert record(result, "scatter_points").seed == project.plan(CHAIN).steps[1].seed(7)
 
 
-def test_the_metrics_of_the_last_that_measured_are_told(project: Project):
+def test_the_metrics_of_the_one_that_measured_are_told(project: Project):
     result = project.execute(CHAIN)
     assert result.metrics is not None
     assert result.metrics.values == {"points": 3, "drawn": True}
     assert project.execute("stages: [{use: make_points}]").metrics is None
+
+
+TWO = """
+    stages:
+      - use: make_points
+        count: 3
+      - use: count_points
+        least: 4
+      - use: span_points
+        most: 1
+    """
+
+
+def test_what_two_stages_measured_adds_up(project: Project):
+    for _ in ("measured", "reused"):
+        metrics = project.execute(TWO).metrics
+        assert metrics is not None
+        assert metrics.values == {"points": 3, "drawn": False, "length": 2.0}
+        assert metrics.failed_gates == (
+            "points: must be 4 at least, got 3",
+            "length: must be at most 1 mm, got 2",
+        )
+        assert [len(part) for part in (metrics.histograms, metrics.curves, metrics.findings)] == [1, 1, 1]
+        assert metrics.strut_thickness.tolist() == [0.5] * 3
+
+
+def test_a_run_is_judged_where_one_of_those_that_measured_judges(project: Project):
+    with_none = Metrics({"a": 1}, has_gates=False)
+    assert merge_metrics({}) is None
+    assert merge_metrics({"one": with_none}) is with_none
+    judged, unjudged = Metrics({"b": 1}), Metrics({"c": 1}, has_gates=False)
+    assert [merge_metrics({"x": with_none, "y": other}).summary()["quality"] for other in (judged, unjudged)] == [  # type: ignore[union-attr]
+        "pass",
+        "not measured",
+    ]
+    assert project.execute(TWO, until="count_points").metrics.values == {"points": 3, "drawn": False}  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize(
+    ("second", "names"),
+    [
+        ("{use: span_points, key: points}", "span_points: measures points, which count_points has measured too; leave"),
+        ("{use: span_points, as: again, key: other}", "again: measures the histogram gaps, the curve order, the thick"),
+        ("{use: span_points, as: again}", "again: measures length, the histogram gaps, the curve order, the thickness"),
+    ],
+)
+def test_a_key_that_two_stages_give_is_an_error_as_soon_as_the_second_ends(project: Project, second: str, names: str):
+    first = "" if "key: points" in second else "{use: span_points}, "
+    text = f"stages: [{{use: make_points}}, {{use: count_points}}, {first}{second}, {{use: draw_points}}]"
+    started: list[str] = []
+    with pytest.raises(StageError) as caught:
+        project.execute(text, progress=Progress(started=lambda step, _number, _count: started.append(step.label)))
+    assert str(caught.value).startswith(names)
+    assert "draw_points" not in started
+    assert ran(project.execute(text.replace(f"{second}, ", ""))) == ["draw_points"]
+
+
+def test_a_stage_that_writes_metrics_over_may_keep_their_keys(project: Project, install: Callable[..., None]):
+    install(
+        "judge_package",
+        """
+        from fake_stages import DrawPointsParams
+        from scaffold_pipeline.artifacts import Metrics
+        from scaffold_pipeline.stages.contract import stage
+
+        @stage(writes="metrics", version=1)
+        def judge(metrics: Metrics, *, params: DrawPointsParams) -> Metrics:
+            "Judge what was measured."
+            return Metrics({**metrics.values, "judged": True})
+        """,
+        "judge",
+    )
+    metrics = project.execute("stages: [{use: make_points}, {use: count_points}, {use: judge}]").metrics
+    assert metrics is not None
+    assert metrics.values == {"points": 4, "drawn": False, "judged": True}
 
 
 def test_nothing_is_run_again_when_nothing_changed(project: Project):

@@ -37,7 +37,45 @@ class Artifact:
         return {}
 
     def own_array(self, name: str, dtype: type, shape: tuple[int | None, ...]) -> None:
-        """Replace field `name` by a contiguous array of `dtype`, after checking its shape and finiteness."""
+        """Replace field `name` by a contiguous array of `dtype`, after checking its shape and finiteness.
+
+        Call it for each array in `__post_init__`, and the `__post_init__` above last, which locks them. An array that
+        is locked and of that type already is taken as it is, without a copy.
+
+        Parameters
+        ----------
+        name
+            The field; it may hold anything that numpy makes an array of.
+        dtype
+            The type of number wanted: integers are taken for floats, floats not for integers.
+        shape
+            The length wanted along each axis; None for any.
+
+        Raises
+        ------
+        StageError
+            With the field's name, where the array has another shape or type, or a value that is not finite.
+
+        Examples
+        --------
+        An artifact of a plug-in, at the top of a module so that the store finds its class by name:
+
+        >>> @dataclass(frozen=True, eq=False)
+        ... class Landmarks(Artifact):
+        ...     places: Floats
+        ...
+        ...     def __post_init__(self) -> None:
+        ...         self.own_array("places", np.float64, (None, 3))
+        ...         super().__post_init__()
+        ...
+        ...     def summary(self) -> dict[str, Fact]:
+        ...         return {"landmarks": len(self.places)}
+        >>> Landmarks([[0, 0, 1], [0, 2, 0]]).summary()
+        {'landmarks': 2}
+        >>> Landmarks([[0.0, 0.0]])
+        Traceback (most recent call last):
+        scaffold_pipeline.errors.StageError: Landmarks.places: must have shape ('n', 3), got (1, 2)
+        """
         given = np.asarray(getattr(self, name))
         fits = [want in {None, got} for want, got in zip(shape, given.shape, strict=False)]
         if given.ndim != len(shape) or not all(fits):

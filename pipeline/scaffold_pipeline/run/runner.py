@@ -32,6 +32,7 @@ from scaffold_pipeline.errors import (
 )
 from scaffold_pipeline.processes.memory import PeakMemory
 from scaffold_pipeline.run.cache import Cache, CacheClient
+from scaffold_pipeline.run.measurements import merge_metrics
 from scaffold_pipeline.run.records import StepRecord, config_hash, input_files, step_key
 from scaffold_pipeline.run.store import OUT_PREFIX, DamagedStoreError, Store, first_result
 
@@ -193,10 +194,12 @@ def _run_steps(run: _Run) -> tuple[list[StepRecord], Metrics | None]:
         _require_new_names(record, records)
         records.append(record)
         run.progress.finished(record)
+        if issubclass(step.stage.output, Metrics):
+            _metrics(run, state)  # a clash of keys is told before anything else is computed
         if step.label == run.until:
             break
         _drop_unread(run.plan, number, state)
-    return records, _last_metrics(run, state)
+    return records, _metrics(run, state)
 
 
 def _require_new_names(record: StepRecord, earlier: Iterable[StepRecord]) -> None:
@@ -344,9 +347,12 @@ def _labelled_error(error: PipelineError, step: Step) -> PipelineError:
     return kind(f"{step.label}: {error}")
 
 
-def _last_metrics(run: _Run, state: _State) -> Metrics | None:
-    """Return the metrics that were measured last, or None."""
-    measuring = [step.slot for step in run.plan.steps if issubclass(step.stage.output, Metrics)]
-    slots = [slot for slot in measuring if slot in state.records]
-    value = _value(slots[-1], run, state) if slots else None
-    return value if isinstance(value, Metrics) else None
+def _metrics(run: _Run, state: _State) -> Metrics | None:
+    """Return what has been measured so far, all stages' in one; what a stage wrote over counts no more."""
+    measured: dict[str, Metrics] = {}
+    for step in run.plan.steps:
+        record = state.records.get(step.slot)
+        if record is not None and record.label == step.label and issubclass(step.stage.output, Metrics):
+            value = _value(step.slot, run, state)
+            measured |= {step.label: value} if isinstance(value, Metrics) else {}
+    return merge_metrics(measured)

@@ -19,6 +19,7 @@ import os
 import typing
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as version_of
 from pathlib import Path
@@ -29,6 +30,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInf
 
 from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.errors import StageDefinitionError
+from scaffold_pipeline.stages.libraries import imported_libraries
 
 _DECLARATION = "__scaffold_stage__"
 _ENGINE_ARGUMENTS = frozenset({"params", "rng", "out", "config_hash", "executor"})
@@ -143,13 +145,27 @@ class Stage:
     writes: str
     output: type[Artifact]
     engine_arguments: frozenset[str]
-    libraries: dict[str, str]
+    unseen_libraries: tuple[str, ...]
     is_repeatable: bool
 
     @property
     def summary(self) -> str:
         """The first line of the stage's docstring."""
         return (inspect.getdoc(self.function) or "").partition("\n")[0]
+
+    @cached_property
+    def libraries(self) -> dict[str, str]:
+        """The version of each distribution whose code shapes what the stage returns, numpy always among them.
+
+        Read off the imports of its sources where it is first asked for, as a run does, and a listing does not. Raises
+        `StageDefinitionError` where one of the sources is no Python.
+        """
+        module = self.function.__module__
+        try:
+            imported = imported_libraries(module)
+        except SyntaxError as error:
+            raise StageDefinitionError(f"stage {self.name!r}: {error.filename}:{error.lineno}: {error.msg}") from error
+        return {name: _version(self.name, name) for name in sorted({*imported, *self.unseen_libraries, "numpy"})}
 
 
 @dataclass(frozen=True)
@@ -166,13 +182,14 @@ def stage(
     """Declare a function to be a stage that writes slot `writes`; it stays a plain callable function.
 
     `version` is raised whenever the function may return something else for the same input: stored results of
-    other versions are then no longer used. Nor are those made with other versions of `libraries`: the installed
-    distributions, by their names, whose code shapes what the function returns. numpy is always one of them.
+    other versions are then no longer used. Nor are those made with other versions of the libraries that its sources
+    import (`Stage.libraries`). `libraries` is needed only for installed distributions, by their names, which no import
+    shows, as what is loaded by a computed name.
     What is not `repeatable` gives something else at each call, as a library may: then only what is stored is the same.
     """
 
     def declare(function: StageFunction) -> StageFunction:
-        setattr(function, _DECLARATION, _Declaration(writes, version, (*sorted({*libraries, "numpy"}),), repeatable))
+        setattr(function, _DECLARATION, _Declaration(writes, version, (*libraries,), repeatable))
         return function
 
     return declare
@@ -191,6 +208,8 @@ def stage_from_function(name: str, function: object) -> Stage:
     if not (isinstance(hints.get("return"), type) and issubclass(hints["return"], Artifact)):
         raise StageDefinitionError(f"stage {name!r}: its return annotation must be an artifact type")
     _require_single_files(name, params)
+    for library in declaration.libraries:
+        _version(name, library)
     return Stage(
         name=name,
         function=function,
@@ -200,7 +219,7 @@ def stage_from_function(name: str, function: object) -> Stage:
         writes=declaration.writes,
         output=hints["return"],
         engine_arguments=_ENGINE_ARGUMENTS & set(arguments),
-        libraries={library: _version(name, library) for library in declaration.libraries},
+        unseen_libraries=declaration.libraries,
         is_repeatable=declaration.is_repeatable,
     )
 

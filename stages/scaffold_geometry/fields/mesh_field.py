@@ -43,6 +43,28 @@ def sample_mesh_field(
 
     Samples more than two voxels outside the outer shape are void (-1). A planar mesh can do without one; its samples
     are one layer in its plane.
+
+    Parameters
+    ----------
+    mesh
+        The cells; its `fields.skeleton.Skeleton` has the struts along its edges, and the channels from the centre of
+        each cell to those of its faces.
+    outer
+        The shape that the voxels cover.
+    params
+        Where the field is sampled: the stage's own parameters, whose class has `SamplingParams` as its base.
+    field_of
+        Makes the field of the skeleton: above the iso-value, as a rule positive, in struts and below it in pores.
+
+    Returns
+    -------
+    ScalarField
+        Values in float32, with the certificate of which channels are open and which struts whole at each iso-value.
+
+    Raises
+    ------
+    StageError
+        Where a mesh of solid cells has no outer shape, or the voxels need more memory than there is or are too coarse.
     """
     from scaffold_geometry.fields.skeleton import skeleton_of, slab_around
 

@@ -13,8 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from scaffold_geometry.arrays import Floats
-from scaffold_pipeline.artifacts import Artifact, Fact, Metrics
+from scaffold_pipeline.artifacts import Artifact, Curve, Fact, Finding, Floats, Histogram, Metrics
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.processes.threads import thread_count
 from scaffold_pipeline.stages.contract import Follows, InputFile, Millimetres, Params, Unit, stage
@@ -156,6 +155,31 @@ def count_points(points: Points, picture: Picture | None = None, *, params: Coun
     values = {"points": len(points.places), "drawn": picture is not None}
     gates = [f"points: must be {params.least} at least, got {len(points.places)}"]
     return Metrics(values, tuple(gates) if len(points.places) < params.least else ())
+
+
+class SpanPointsParams(Params):
+    """Parameters of `span_points`."""
+
+    most: Millimetres = 100.0
+    """Greatest length of good quality."""
+
+    key: str = "length"
+    """The key that the length is told under."""
+
+
+@stage(writes="span", version=1)
+def span_points(points: Points, *, params: SpanPointsParams) -> Metrics:
+    """Measure how far points lie apart along x, with all that a measure may tell."""
+    x = np.sort(points.places[:, 0])
+    gate = f"length: must be at most {params.most:g} mm, got {np.ptp(x):g}"
+    return Metrics(
+        {params.key: float(np.ptp(x))},
+        (gate,) if np.ptp(x) > params.most else (),
+        histograms=(Histogram("gaps", "Gaps between points", "mm", [0.0, 1.0, 2.0], [0.5, 0.5]),),  # type: ignore[arg-type]
+        curves=(Curve("order", "Points in their order", "point", "x, mm", np.arange(len(x)), x),),
+        findings=(Finding("far", "the farthest point", points.places[-1:]),),
+        strut_thickness=np.full(len(x), 0.5),
+    )
 
 
 class FailParams(Params):

@@ -1,0 +1,41 @@
+"""Stage `measure_layers`: the porosity from layer to layer, to see whether a gradient came out as asked."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from scaffold_geometry.voxels.image import PORE, STRUT
+from scaffold_geometry.voxels.voxelising import voxelise
+from scaffold_pipeline.artifacts import Curve, Metrics, OuterShape, Solid
+from scaffold_pipeline.stages.contract import Millimetres, Params, stage
+
+
+class MeasureLayersParams(Params):
+    """Parameters of `measure_layers`."""
+
+    voxel_size: Millimetres = Field(gt=0.0)
+    """Edge of the voxels that are counted, and thickness of a layer."""
+
+    axis: Literal["x", "y", "z"] = "z"
+    """Axis that the layers lie across."""
+
+
+@stage(writes="layers", version=1)
+def measure_layers(solid: Solid, outer: OuterShape, *, params: MeasureLayersParams) -> Metrics:
+    """Measure the porosity of each layer of voxels across an axis."""
+    axis = "xyz".index(params.axis)
+    across = tuple(other for other in range(3) if other != axis)
+    image = voxelise((solid.vertices, solid.faces), (outer.vertices, outer.faces), params.voxel_size)
+    pores, struts = (image.is_phase(phase).sum(axis=across) for phase in (PORE, STRUT))
+    layers = np.flatnonzero(pores + struts)
+    porosity = pores[layers] / (pores + struts)[layers]
+    places = image.origin[axis] + image.spacing * layers
+    name = f"porosity_along_{params.axis}"
+    return Metrics(
+        {f"{name}_least": float(porosity.min()), f"{name}_greatest": float(porosity.max())},
+        has_gates=False,  # it judges nothing: the verdict stays that of `measure`
+        curves=(Curve(name, f"Porosity along {params.axis}", f"{params.axis}, mm", "porosity", places, porosity),),
+    )
