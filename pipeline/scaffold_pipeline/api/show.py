@@ -58,7 +58,7 @@ def show_page(page: Path, *, is_temporary: bool) -> None:
 
         source = escape(page.read_text(encoding="utf-8"), quote=True)
         style = f"width: 100%; height: {_FRAME_HEIGHT}px; border: 0"
-        display(HTML(f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{source}"></iframe>'))
+        display(HTML(f'<div><iframe sandbox="allow-scripts" style="{style}" srcdoc="{source}"></iframe></div>'))
         return
     if is_temporary:
         with tempfile.NamedTemporaryFile(prefix="scaffold-", suffix=".html", delete=False) as copy:
