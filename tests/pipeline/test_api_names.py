@@ -28,7 +28,24 @@ def test_there_are_about_twenty_public_names_each_documented():
         sp.rum  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["Run", "StudyRun", "open_run", "run", "study", "SurfaceMesh", "OuterShape", "VolumeMesh", "PlanarMesh", "IsoSurface", "Solid", "ScalarField", "Certificate"])  # fmt: skip
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Run",
+        "StudyRun",
+        "open_run",
+        "run",
+        "study",
+        "SurfaceMesh",
+        "OuterShape",
+        "VolumeMesh",
+        "PlanarMesh",
+        "IsoSurface",
+        "Solid",
+        "ScalarField",
+        "Certificate",
+    ],
+)
 def test_docstrings_have_numpydoc_sections(name):
     text = inspect.getdoc(getattr(sp, name))
     assert "Parameters\n----------\n" in text

@@ -95,18 +95,46 @@ def test_paths_are_seen_from_the_current_folder_in_dicts_and_settings_and_from_t
 @pytest.mark.parametrize(
     ("asked", "settings", "message"),
     [
-        ({"stages": [{"use": "make_points", "count": 0}]}, None, "stages.0 (make_points): count: must be greater than or equal to 1, got 0"),
-        ({"stages": [{"use": "make_point"}]}, None, "stages.0 (make_point): no stage is called 'make_point'; did you mean 'make_points'?"),
-        ({"stages": [{"use": "make_points"}]}, {"make_points.count": -1}, "settings['make_points.count']: stages.0 (make_points): count: must be greater than or equal to 1, got -1"),
-        ({"stages": [{"use": "make_points"}]}, {"make_points.step": float("nan")}, "settings['make_points.step']: stages.0 (make_points): step: must be a finite number, got nan"),
-        ({"stages": [{"use": "make_points"}]}, {"jitter.amount": 1}, "settings['jitter.amount']: the config has no stage 'jitter'; known: make_points"),
-        ({"stages": [{"use": "make_points"}]}, [("seed", 1)], "settings: must map stage.parameter to values, got [('seed', 1)]"),
-        ({"stages": [{"use": "make_points"}], "name": 3}, None, "name: must be letters, digits, dots, dashes and underscores, as it names a folder, got 3"),
+        (
+            {"stages": [{"use": "make_points", "count": 0}]},
+            None,
+            "stages.0 (make_points): count: must be greater than or equal to 1, got 0",
+        ),
+        (
+            {"stages": [{"use": "make_point"}]},
+            None,
+            "stages.0 (make_point): no stage is called 'make_point'; did you mean 'make_points'?",
+        ),
+        (
+            {"stages": [{"use": "make_points"}]},
+            {"make_points.count": -1},
+            "settings['make_points.count']: stages.0 (make_points): count: must be greater than or equal to 1, got -1",
+        ),
+        (
+            {"stages": [{"use": "make_points"}]},
+            {"make_points.step": float("nan")},
+            "settings['make_points.step']: stages.0 (make_points): step: must be a finite number, got nan",
+        ),
+        (
+            {"stages": [{"use": "make_points"}]},
+            {"jitter.amount": 1},
+            "settings['jitter.amount']: the config has no stage 'jitter'; known: make_points",
+        ),
+        (
+            {"stages": [{"use": "make_points"}]},
+            [("seed", 1)],
+            "settings: must map stage.parameter to values, got [('seed', 1)]",
+        ),
+        (
+            {"stages": [{"use": "make_points"}], "name": 3},
+            None,
+            "name: must be letters, digits, dots, dashes and underscores, as it names a folder, got 3",
+        ),
         ({}, None, "stages: must be a list of at least one stage, each with `use: NAME`"),
         (42, None, "a config is the path of a YAML file or a dict, got 42"),
         ("absent.yaml", None, "absent.yaml: no such file; `scaffold-pipeline new DIR` writes one"),
     ],
-)  # fmt: skip
+)
 def test_a_config_that_cannot_run_is_one_line_a_fault(project, asked, settings, message):  # noqa: ARG001
     with pytest.raises(sp.ConfigError) as error:
         sp.run(asked, settings=settings)
@@ -122,7 +150,7 @@ def test_a_fault_of_a_file_has_its_place(project):
 
 def test_a_stage_that_fails_raises_its_line_and_leaves_nothing(project, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(project.folder))
-    with pytest.raises(sp.StageError, match="^fail: the points are too few, 4; give more$"):
+    with pytest.raises(sp.StageError, match=r"^fail: the points are too few, 4; give more$"):
         sp.run({"stages": [{"use": "fail", "how": "stage_error"}]})
     assert list(project.folder.iterdir()) == []
 
@@ -189,7 +217,7 @@ def test_until_stops_early_and_then_there_is_no_page(project):  # noqa: ARG001
     with pytest.raises(sp.PipelineError, match="stopped early; run it to the end"):
         made.show()
     with pytest.raises(
-        sp.ConfigError, match="^until: the config has no stage 'scatter'; did you mean 'scatter_points'"
+        sp.ConfigError, match=r"^until: the config has no stage 'scatter'; did you mean 'scatter_points'"
     ):
         sp.run(config(), until="scatter")
 
@@ -214,8 +242,8 @@ def test_runs_in_threads_go_one_at_a_time(project):  # noqa: ARG001
 
 def test_a_run_is_pickled_as_a_way_to_its_folder(project):  # noqa: ARG001
     kept = sp.run(config(), out="here")
-    assert np.array_equal(pickle.loads(pickle.dumps(kept))["points"].places, kept["points"].places)
-    copy = pickle.loads(pickle.dumps(sp.run(config())))
+    assert np.array_equal(pickle.loads(pickle.dumps(kept))["points"].places, kept["points"].places)  # noqa: S301 - our own
+    copy = pickle.loads(pickle.dumps(sp.run(config())))  # noqa: S301 - our own
     gc.collect()
     with pytest.raises(sp.PipelineError, match="lives as long as the Run that `run` gave; give out=FOLDER"):
         copy["points"]
@@ -267,7 +295,7 @@ def test_show_opens_the_page_in_the_browser_a_copy_where_it_would_be_gone(projec
 
 
 def test_show_displays_the_page_in_a_notebook(project, monkeypatch):  # noqa: ARG001
-    from IPython import display  # noqa: PLC0415
+    from IPython import display
 
     shown = []
     monkeypatch.setattr(display, "display", shown.append)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import inspect
 import pickle
+import pydoc
 from pathlib import Path
 
 import numpy as np
-import pydoc
 import pytest
 
 import scaffold_pipeline as sp
@@ -51,18 +51,30 @@ def test_blas_has_one_thread_as_in_a_run(points):
         ((None,), {}, "scatter_points: points: is required, as a Points"),
         ((3,), {}, "scatter_points: points: must be a Points, got an int"),
         ((sp.Metrics({}),), {}, "scatter_points: points: must be a Points, got a Metrics"),
-        ((1, 2), {"points": 1}, "scatter_points: points: is given twice, by position and by name\nscatter_points: points: must be a Points, got an int\nscatter_points: takes 1 by position (points), got 2; give parameters by name"),
+        (
+            (1, 2),
+            {"points": 1},
+            (
+                "scatter_points: points: is given twice, by position and by name\nscatter_points: points: must "
+                "be a Points, got an int\nscatter_points: takes 1 by position (points), got 2; give parameters "
+                "by name"
+            ),
+        ),
         (("P",), {"amont": 0.1}, "scatter_points: unknown parameter 'amont'; did you mean 'amount'?"),
         (("P",), {"sed": 1}, "scatter_points: unknown parameter 'sed'; did you mean 'seed'?"),
         (("P",), {"out": "here"}, "scatter_points: unknown parameter 'out'; the stage writes no files"),
         (("P",), {"amount": 0.7}, "scatter_points: amount: must be less than 0.5, got 0.7"),
         (("P",), {"amount": np.nan}, "scatter_points: amount: must be a finite number, got nan"),
-        (("P",), {"amount": "wide"}, "scatter_points: amount: must be a valid number, unable to parse string as a number, got 'wide'"),
+        (
+            ("P",),
+            {"amount": "wide"},
+            "scatter_points: amount: must be a valid number, unable to parse string as a number, got 'wide'",
+        ),
         (("P",), {"seed": -1}, "scatter_points: seed: must be a whole number from 0 to 2^63 - 1, got -1"),
         (("P",), {"seed": True}, "scatter_points: seed: must be a whole number from 0 to 2^63 - 1, got True"),
         (("P",), {"params": 1}, "scatter_points: unknown parameter 'params'; known: amount, points, seed"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_called_is_one_line_a_fault(points, arguments, keywords, message):
     given = tuple(points if value == "P" else value for value in arguments)
     with pytest.raises(sp.ConfigError) as error:
@@ -71,7 +83,7 @@ def test_what_cannot_be_called_is_one_line_a_fault(points, arguments, keywords, 
 
 
 def test_a_stage_that_is_not_random_has_no_seed(project):  # noqa: ARG001
-    with pytest.raises(sp.ConfigError, match="^make_points: unknown parameter 'seed'; the stage is not random$"):
+    with pytest.raises(sp.ConfigError, match=r"^make_points: unknown parameter 'seed'; the stage is not random$"):
         stages.make_points(seed=1)
 
 
@@ -84,7 +96,7 @@ def test_an_unknown_stage_is_an_attribute_error_with_the_nearest(project):  # no
 def test_a_broken_plug_in_is_named_when_it_is_used(install):
     install("broken", "raise RuntimeError('no licence')", "grow")
     assert "grow" in dir(stages)
-    with pytest.raises(sp.PipelineError, match="broken cannot be loaded .*no licence"):
+    with pytest.raises(sp.PipelineError, match=r"broken cannot be loaded .*no licence"):
         stages.grow  # noqa: B018
 
 
@@ -100,9 +112,9 @@ def test_a_parameter_that_follows_another_stages_has_its_own_default(points):
 
 
 def test_files_are_written_to_the_folder_that_is_given(points, project):
-    with pytest.raises(sp.ConfigError, match="^write_points: out: is required, the folder to write to$"):
+    with pytest.raises(sp.ConfigError, match=r"^write_points: out: is required, the folder to write to$"):
         stages.write_points(points)
-    with pytest.raises(sp.ConfigError, match="^write_points: out: must be the path of a folder, got 3$"):
+    with pytest.raises(sp.ConfigError, match=r"^write_points: out: must be the path of a folder, got 3$"):
         stages.write_points(points, out=3)
     stages.write_points(points, names=("a.txt",), out="deep/here")
     assert [path.name for path in (project.folder / "deep" / "here").iterdir()] == ["a.txt"]
@@ -110,9 +122,9 @@ def test_files_are_written_to_the_folder_that_is_given(points, project):
 
 
 def test_what_fails_begins_with_the_stages_name_and_leaves_no_file(project):
-    with pytest.raises(sp.StageError, match="^fail: the points are too few, 4; give more$"):
+    with pytest.raises(sp.StageError, match=r"^fail: the points are too few, 4; give more$"):
         stages.fail(how="stage_error", out="here")
-    with pytest.raises(sp.StageError, match="^fail: ran out of memory; use larger voxels or cells$"):
+    with pytest.raises(sp.StageError, match=r"^fail: ran out of memory; use larger voxels or cells$"):
         stages.fail(how="memory", out="here")
     with pytest.raises(ValueError, match="two\nlines"):
         stages.fail(how="error", out="here")
@@ -135,7 +147,7 @@ def test_signature_and_help_show_slots_parameters_units_and_defaults(project):  
 
 
 def test_a_function_is_the_same_each_time_and_can_be_pickled(project):  # noqa: ARG001
-    assert pickle.loads(pickle.dumps(stages.make_points)) is stages.make_points
+    assert pickle.loads(pickle.dumps(stages.make_points)) is stages.make_points  # noqa: S301 - our own
     assert stages.make_points.__name__ == "make_points"
 
 
@@ -155,23 +167,23 @@ def test_two_arguments_of_one_name_are_a_fault_of_the_stage(install):
         """,
         "clash",
     )
-    with pytest.raises(sp.PipelineError, match="^stage 'clash': outer would be two arguments; rename one$"):
+    with pytest.raises(sp.PipelineError, match=r"^stage 'clash': outer would be two arguments; rename one$"):
         stage_function("clash")
 
 
 def test_the_typed_route_stays():
-    from scaffold_stages.make_mesh import MakeMeshParams, make_mesh  # noqa: PLC0415
+    from scaffold_stages.make_mesh import MakeMeshParams, make_mesh
 
     assert make_mesh(params=MakeMeshParams(shape="rod")).volume == pytest.approx(4.0)
 
 
 def test_a_mesh_of_a_library_is_told_the_way_in():
     outer = stages.make_shape(shape="box", facet=20.0)
-    with pytest.raises(sp.ConfigError, match="got a Trimesh; make one by OuterShape.from_trimesh"):
+    with pytest.raises(sp.ConfigError, match=r"got a Trimesh; make one by OuterShape.from_trimesh"):
         stages.tetrahedralise(outer.to_trimesh(), edge_length=6.0)
-    with pytest.raises(sp.ConfigError, match="got a PolyData; make one by OuterShape.from_pyvista"):
+    with pytest.raises(sp.ConfigError, match=r"got a PolyData; make one by OuterShape.from_pyvista"):
         stages.tetrahedralise(outer.to_pyvista(), edge_length=6.0)
-    with pytest.raises(sp.ConfigError, match="^tetrahedralise: edge_length: must be greater than 0, got -1$"):
+    with pytest.raises(sp.ConfigError, match=r"^tetrahedralise: edge_length: must be greater than 0, got -1$"):
         stages.tetrahedralise(outer, edge_length=-1)
     with pytest.raises(sp.ConfigError, match=f"^load_surface: path: no such file: {Path('absent.stl').resolve()}"):
         stages.load_surface(path="absent.stl", units="mm")

@@ -41,7 +41,7 @@ def test_each_point_is_a_run_that_keeps_a_temporary_folder(project, varied, monk
     del point
     gc.collect()
     assert sorted(path.name for path in project.folder.iterdir()) == ["base.yaml", "counts.yaml"]
-    with pytest.raises(KeyError, match="no point 'count-5_amount-0.3'; did you mean"):
+    with pytest.raises(KeyError, match=r"no point 'count-5_amount-0.3'; did you mean"):
         sp.study(varied)["count-5_amount-0.3"]
 
 

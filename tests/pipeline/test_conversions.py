@@ -49,15 +49,30 @@ def test_a_surface_goes_to_pyvista_and_back_unchanged():
     ("make", "message"),
     [
         (lambda: sp.OuterShape.from_trimesh("heel.stl"), "from_trimesh: must be a trimesh.Trimesh, got builtins.str"),
-        (lambda: sp.OuterShape.from_trimesh(trimesh.creation.box().scene()), r"got trimesh.Scene; join its parts with mesh.to_mesh\(\)"),
-        (lambda: sp.OuterShape.from_pyvista(mixed().to_pyvista()), r"must be a pyvista.PolyData, got pyvista.UnstructuredGrid; take mesh.extract_surface\(\)"),
+        (
+            lambda: sp.OuterShape.from_trimesh(trimesh.creation.box().scene()),
+            r"got trimesh.Scene; join its parts with mesh.to_mesh\(\)",
+        ),
+        (
+            lambda: sp.OuterShape.from_pyvista(mixed().to_pyvista()),
+            r"must be a pyvista.PolyData, got pyvista.UnstructuredGrid; take mesh.extract_surface\(\)",
+        ),
         (lambda: sp.SurfaceMesh.from_pyvista(pyvista.Line()), "must hold faces and nothing else"),
-        (lambda: sp.VolumeMesh.from_pyvista(pyvista.Cube()), "must be a pyvista.UnstructuredGrid, got pyvista.PolyData$"),
-        (lambda: sp.VolumeMesh.from_pyvista(pyvista.ImageData(dimensions=(2, 2, 2))), r"take mesh.cast_to_unstructured_grid\(\)"),
-        (lambda: sp.VolumeMesh.from_pyvista(pyvista.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid()), "it has cells of type VOXEL"),
+        (
+            lambda: sp.VolumeMesh.from_pyvista(pyvista.Cube()),
+            "must be a pyvista.UnstructuredGrid, got pyvista.PolyData$",
+        ),
+        (
+            lambda: sp.VolumeMesh.from_pyvista(pyvista.ImageData(dimensions=(2, 2, 2))),
+            r"take mesh.cast_to_unstructured_grid\(\)",
+        ),
+        (
+            lambda: sp.VolumeMesh.from_pyvista(pyvista.ImageData(dimensions=(2, 2, 2)).cast_to_unstructured_grid()),
+            "it has cells of type VOXEL",
+        ),
         (lambda: sp.VolumeMesh.from_pyvista(pyvista.UnstructuredGrid()), "must have at least one cell"),
     ],
-)  # fmt: skip
+)
 def test_what_cannot_be_converted_says_so_and_the_way_in(make, message):
     with pytest.raises(sp.StageError, match=message):
         make()
@@ -74,14 +89,14 @@ def test_a_mesh_that_is_not_in_mm_is_refused():
 
 def test_an_open_or_inside_out_outer_shape_is_refused_with_the_remedy():
     box = trimesh.creation.box()
-    with pytest.raises(sp.StageError, match="must be closed, .* but 3 of 33 sides have none"):
+    with pytest.raises(sp.StageError, match=r"must be closed, .* but 3 of 33 sides have none"):
         sp.OuterShape(box.vertices, box.faces[1:])
     with pytest.raises(sp.StageError, match=r"face inward: turn them, as in faces\[:, ::-1\]"):
         sp.OuterShape(box.vertices, box.faces[:, ::-1])
     one_turned = np.concatenate([box.faces[:1, ::-1], box.faces[1:]])
     with pytest.raises(sp.StageError, match="must be closed"):
         sp.OuterShape(box.vertices, one_turned)
-    with pytest.raises(sp.StageError, match="OuterShape.vertices: must be finite, but 1 values are NaN"):
+    with pytest.raises(sp.StageError, match=r"OuterShape.vertices: must be finite, but 1 values are NaN"):
         sp.OuterShape(np.where(np.arange(24).reshape(8, 3) == 5, np.nan, box.vertices), box.faces)
 
 
