@@ -77,7 +77,7 @@ def warn(message: str) -> None:
     frame, level = inspect.currentframe(), 1
     while frame is not None and frame.f_globals.get("__name__", "").startswith(_ENGINE):
         frame, level = frame.f_back, level + 1
-    warnings.warn(message, PipelineWarning, stacklevel=level - 1 or 1)
+    warnings.warn(message, PipelineWarning, stacklevel=level)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

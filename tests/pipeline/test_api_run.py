@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import gc
+import os
 import pickle
+import subprocess
 import sys
 import webbrowser
 from concurrent.futures import ThreadPoolExecutor
@@ -189,6 +191,14 @@ def test_without_a_folder_all_is_gone_with_the_run(project, monkeypatch):
     assert made.page.is_file()
     del made
     gc.collect()
+    assert list(project.folder.iterdir()) == []
+
+
+def test_a_script_that_ends_leaves_nothing(project):
+    code = "import scaffold_pipeline as sp; made = sp.run({'stages': [{'use': 'make_points'}]}); print(made.folder)"
+    environment = {**os.environ, "TMPDIR": str(project.folder)}
+    ended = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert Path(ended.stdout.strip()).parent == project.folder
     assert list(project.folder.iterdir()) == []
 
 

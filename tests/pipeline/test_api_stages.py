@@ -111,6 +111,12 @@ def test_a_parameter_that_follows_another_stages_has_its_own_default(points):
         stages.grow_points(points, factor=100.0)
 
 
+def test_a_warning_is_one_of_the_line_that_calls(points):
+    with pytest.warns(sp.PipelineWarning) as told:
+        stages.grow_points(points, factor=100.0)
+    assert [Path(each.filename).name for each in told] == [Path(__file__).name]
+
+
 def test_files_are_written_to_the_folder_that_is_given(points, project):
     with pytest.raises(sp.ConfigError, match=r"^write_points: out: is required, the folder to write to$"):
         stages.write_points(points)

@@ -72,6 +72,10 @@ def test_a_point_that_fails_is_an_error_unless_the_others_go_on(project, varied)
 def test_a_study_that_cannot_run_is_one_line_a_fault(project, varied):
     with pytest.raises(sp.ConfigError, match=r"^settings\['jitter.amount'\]: the config has no stage 'jitter'"):
         sp.study(varied, settings={"jitter.amount": 0.1})
+    with pytest.raises(sp.ConfigError, match=r"^workers: must be a whole number of 1 at least, got 0$"):
+        sp.study(varied, workers=0)
+    with pytest.raises(sp.ConfigError, match=r"^a study is the path of a YAML file, got {}$"):
+        sp.study({})
     bad = project.write("base: base.yaml\nvary: {make_points.count: [0]}", "bad.yaml")
     with pytest.raises(sp.ConfigError, match=r"^bad.yaml:2:\d+: stages.0 \(make_points\): count: must be"):
         sp.study(bad)

@@ -15,9 +15,10 @@ from scaffold_pipeline.api.show import show_page
 from scaffold_pipeline.artifacts.markup import facts_table
 from scaffold_pipeline.cli.console import watch_study
 from scaffold_pipeline.config.draft import settings_from
-from scaffold_pipeline.errors import StageError, did_you_mean
+from scaffold_pipeline.errors import ConfigError, Fault, StageError, did_you_mean
 from scaffold_pipeline.processes.threads import computing
 from scaffold_pipeline.run.cache import choose_cache
+from scaffold_pipeline.stages.faults import format_value
 from scaffold_pipeline.study.file import Study, read_study
 from scaffold_pipeline.study.page import PAGE
 from scaffold_pipeline.study.study import POINTS, run_study
@@ -168,8 +169,9 @@ def study(  # noqa: PLR0913 - all but one by name, each a choice of its own
     32.0
     >>> folder.cleanup()
     """
+    _require_sensible(study_file, workers)
     asked = read_study(Path(study_file).expanduser(), settings_from(settings), may_be_large=True)
-    folder = Path(tempfile.mkdtemp(prefix="scaffold-")) if out is None else Path(out).expanduser().absolute()
+    folder = Path(tempfile.mkdtemp(prefix="scaffold-study-")) if out is None else Path(out).expanduser().absolute()
     try:
         states = _run(asked, folder, workers, cache, keep_going=keep_going, verbose=verbose)
     except BaseException:
@@ -182,6 +184,13 @@ def study(  # noqa: PLR0913 - all but one by name, each a choice of its own
     if made.errors and not keep_going:
         raise StageError("\n".join(f"{name}: {error}" for name, error in made.errors.items()))
     return made
+
+
+def _require_sensible(study_file: object, workers: object) -> None:
+    if not isinstance(study_file, str | Path):
+        raise ConfigError([Fault(0, 0, f"a study is the path of a YAML file, got {format_value(study_file)}")])
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise ConfigError([Fault(0, 0, f"workers: must be a whole number of 1 at least, got {format_value(workers)}")])
 
 
 def _run(
