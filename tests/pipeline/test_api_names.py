@@ -44,6 +44,7 @@ def test_there_are_about_twenty_public_names_each_documented():
         "Solid",
         "ScalarField",
         "Certificate",
+        "Contour",
     ],
 )
 def test_docstrings_have_numpydoc_sections(name):
