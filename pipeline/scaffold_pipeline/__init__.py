@@ -1,3 +1,108 @@
-"""The engine of scaffold-pipeline: artifacts, the stage contract, configuration, plan, runner and record."""
+"""From an anatomical surface to a printable porous scaffold: `run` a config, or call each of the `stages`.
+
+Lengths are mm, areas mm^2, volumes mm^3, shares are of 1. Every failure is a `PipelineError` of one line a fault.
+
+Examples
+--------
+>>> import scaffold_pipeline as sp
+>>> mesh = sp.stages.make_mesh(shape="block", cell="tetrahedron", counts=2, edge=3.0)
+>>> outer = sp.stages.extract_outer(mesh)
+>>> moved = sp.stages.jitter(mesh, amount=0.2, seed=7)
+>>> moved.vertices.shape, round(outer.volume)
+((27, 3), 216)
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import FunctionType, ModuleType
+
+TYPE_CHECKING = False  # type checkers take it for typing's own, whose import would take longer than all else here
+
+if TYPE_CHECKING:
+    from typing import Any
+
+    from scaffold_pipeline import stages
+    from scaffold_pipeline.api.run import Run, open_run, run
+    from scaffold_pipeline.api.study import StudyRun, study
+    from scaffold_pipeline.artifacts import (
+        Artifact,
+        Certificate,
+        Contour,
+        IsoSurface,
+        Metrics,
+        OuterShape,
+        PlanarMesh,
+        ScalarField,
+        Solid,
+        SurfaceMesh,
+        VolumeMesh,
+    )
+    from scaffold_pipeline.errors import ConfigError, PipelineError, PipelineWarning, StageError
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "Artifact",
+    "Certificate",
+    "ConfigError",
+    "Contour",
+    "IsoSurface",
+    "Metrics",
+    "OuterShape",
+    "PipelineError",
+    "PipelineWarning",
+    "PlanarMesh",
+    "Run",
+    "ScalarField",
+    "Solid",
+    "StageError",
+    "StudyRun",
+    "SurfaceMesh",
+    "VolumeMesh",
+    "open_run",
+    "run",
+    "stages",
+    "study",
+]
+
+_HOMES = {
+    **dict.fromkeys(("Run", "open_run", "run"), "api.run"),
+    **dict.fromkeys(("StudyRun", "study"), "api.study"),
+    **dict.fromkeys(("ConfigError", "PipelineError", "PipelineWarning", "StageError"), "errors"),
+}
+"""The modules of public names, loaded when a name is first used; the others are artifacts."""
+
+_FUNCTIONS_NAMED_AS_ROOMS = frozenset({"run", "study"})
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name == "stages":
+        return import_module(f"{__name__}.stages")
+    value = getattr(import_module(f"{__name__}.{_HOMES.get(name, 'artifacts')}"), name)
+    if name in _FUNCTIONS_NAMED_AS_ROOMS and isinstance(value, FunctionType):
+        value.__dict__ = import_module(f"{__name__}.{name}").__dict__
+    setattr(sys.modules[__name__], name, value)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*__all__, "__version__", "artifacts", "errors", "testing"})
+
+
+class _FrontDoor(ModuleType):
+    """The package itself, where `run` and `study` are its functions though folders of it have the same names.
+
+    Python sets a folder's module as an attribute of its package when it is imported, over a function of that name.
+    Here the function stays, and has the module's attributes: `scaffold_pipeline.run.runner` is still found.
+    """
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (name in _FUNCTIONS_NAMED_AS_ROOMS and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _FrontDoor

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import warnings
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -9,6 +10,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+
+
+_ENGINE = __name__.partition(".")[0]
 
 
 class PipelineError(Exception):
@@ -69,8 +73,11 @@ class PipelineWarning(UserWarning):
 
 
 def warn(message: str) -> None:
-    """Tell the user something of a result that is still good, as a `PipelineWarning`."""
-    warnings.warn(message, PipelineWarning, stacklevel=2)
+    """Tell the user something of a result that is still good, as a `PipelineWarning` of the line that called us."""
+    frame, level = inspect.currentframe(), 1
+    while frame is not None and frame.f_globals.get("__name__", "").startswith(_ENGINE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, PipelineWarning, stacklevel=level)
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:

@@ -60,9 +60,30 @@ def _area(ring: Floats) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Contour(Artifact):
-    """What is solid of a planar field, {s > iso}, within the `outline` of its mesh, in the plane at `z` mm.
+    """What is solid of a planar field, {s > iso}, within the outline of its mesh.
 
-    `porosity_requested` is the porosity that `iso` was solved for, or None.
+    Parameters
+    ----------
+    solid, outline : Polygons
+        Rings of points, mm, the shape to their left.
+    z : float
+        Place of the plane, mm.
+    iso : float
+        The field's value on the boundary: solid is where it is above.
+    porosity_requested : float, optional
+        The share of 1 that `iso` was solved for.
+
+    Raises
+    ------
+    StageError
+        One of them encloses no area.
+
+    Examples
+    --------
+    >>> square = Polygons.of([np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]])])
+    >>> corner = Polygons.of([np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]])])
+    >>> Contour(corner, square, z=0.0, iso=0.1).porosity
+    0.75
     """
 
     solid: Polygons

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +12,34 @@ from numpy.typing import NDArray
 from scaffold_pipeline.artifacts.meshes import Artifact, Fact, Floats
 from scaffold_pipeline.errors import StageError
 
+if TYPE_CHECKING:
+    import pyvista
+
 
 @dataclass(frozen=True, eq=False)
 class Certificate(Artifact):
     """What a field promises of connectivity before any voxel is computed (sampled along each segment).
 
-    `channel_maxima` (n,) greatest s on each channel, `strut_minima` (m,) least s on each mesh edge. `channel_rings`
-    (n, 3) and `strut_rings` (m, 3) are the same on rings around each, `RING_SHARES` of `voxel_size` (mm) away; None
-    where that was not looked at.
+    At an iso above `channel_max` every pore is joined to its neighbours, below `strut_min` every strut is whole.
+
+    Parameters
+    ----------
+    channel_maxima : array (n,) float64
+        Greatest value of the field on each channel.
+    strut_minima : array (m,) float64
+        Least value on each mesh edge.
+    channel_rings, strut_rings : array (n, 3), (m, 3) float64, optional
+        The same on rings around each, `RING_SHARES` of `voxel_size` away; None where that was not looked at.
+    voxel_size : float, default 0.0
+        Distance from voxel to voxel, mm.
+
+    Examples
+    --------
+    >>> window = Certificate([-0.9, -0.7], [0.8, 0.6])
+    >>> window.channel_max, window.strut_min
+    (-0.7, 0.6)
+    >>> window.at(0.7)["struts_broken"]
+    1
     """
 
     RING_SHARES: ClassVar[tuple[float, ...]] = (1.0, 0.5, 0.25)
@@ -79,10 +99,40 @@ class Certificate(Artifact):
 class ScalarField(Artifact):
     """A field on a regular grid: solid where it is above the iso-value, void elsewhere.
 
-    `values` (nx, ny, nz) float32, value [i, j, k] at `origin + spacing * (i, j, k)` mm; `origin` (3,) mm;
-    `spacing` mm, the same along all axes; one layer along z is a planar field or a section. `facts` are what the maker
-    measured. `point_values` (n,) is the field itself at `points` (n, 3) mm that were asked for. `pore_networks` counts
-    the separate networks that its pores form by design: a sheet between two labyrinths has two.
+    Parameters
+    ----------
+    values : array (nx, ny, nz) float32
+        Value [i, j, k] is at `origin + spacing * (i, j, k)`; one layer along z is a planar field or a section.
+    origin : array (3,) float64
+        Place of the first value, mm.
+    spacing : float
+        Distance from value to value, mm, the same along all axes.
+    certificate : Certificate, optional
+        What the field promises of connectivity.
+    facts : mapping, optional
+        What its maker measured.
+    points, point_values : array (n, 3) float64, array (n,) float64, optional
+        Places that were asked for, mm, and the field itself there.
+    pore_networks : int, default 1
+        Separate networks that its pores form by design: a sheet between two labyrinths has two.
+
+    Raises
+    ------
+    StageError
+        An array has another shape, a value is not finite, or `spacing` is no length.
+
+    Examples
+    --------
+    >>> field = ScalarField(np.zeros((3, 4, 5)), origin=(0.0, 0.0, 0.0), spacing=0.5)
+    >>> field.summary()["grid"]
+    '3 x 4 x 5'
+    >>> field.to_pyvista().bounds
+    BoundsTuple(x_min = 0.0,
+                x_max = 1.0,
+                y_min = 0.0,
+                y_max = 1.5,
+                z_min = 0.0,
+                z_max = 2.0)
     """
 
     values: NDArray[np.float32]
@@ -106,6 +156,12 @@ class ScalarField(Artifact):
                 f"ScalarField.values: needs two samples along x and y, one along z, got {self.values.shape}"
             )
         super().__post_init__()
+
+    def to_pyvista(self) -> pyvista.ImageData:
+        """Return a `pyvista.ImageData` in mm, the values as its point data `field`."""
+        from scaffold_pipeline.artifacts.conversions import field_to_pyvista
+
+        return field_to_pyvista(self)
 
     def summary(self) -> dict[str, Fact]:
         """Return the grid's size, the range of values and the certificate's window."""

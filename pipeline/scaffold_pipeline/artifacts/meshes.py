@@ -7,13 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, ClassVar, TypeAlias
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_pipeline.artifacts.cells import CELL_TYPES, cell_measures, edges_of_cells, mesh_faults
 from scaffold_pipeline.errors import StageError
+
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
 
 Fact: TypeAlias = str | int | float | bool | list[str] | None
 """What a summary, a record or `metrics.json` may hold under one key."""
@@ -35,6 +39,12 @@ class Artifact:
     def summary(self) -> dict[str, Fact]:
         """Return the facts of this value that belong into a report."""
         return {}
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows of this value: its facts in a table."""
+        from scaffold_pipeline.artifacts.markup import artifact_html
+
+        return artifact_html(self)
 
     def own_array(self, name: str, dtype: type, shape: tuple[int | None, ...]) -> None:
         """Replace field `name` by a contiguous array of `dtype`, after checking its shape and finiteness.
@@ -96,9 +106,40 @@ def _require_indices(owner: str, name: str, indices: Ints, count: int) -> None:
         raise StageError(f"{owner}.{name}: indices must lie in 0..{count - 1}, got {indices.min()}..{indices.max()}")
 
 
+def _unmatched_sides(faces: Ints, count: int) -> int:
+    """Return how many sides of `faces` (m, 3) no side runs along the other way: none where a surface is closed."""
+    starts, ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    ways, back = np.sort(starts * count + ends), np.sort(ends * count + starts)
+    if np.array_equal(ways, back):
+        return 0
+    return int((~np.isin(ways, back)).sum()) or len(ways) - len(np.intersect1d(ways, back))
+
+
 @dataclass(frozen=True, eq=False)
 class SurfaceMesh(Artifact):
-    """A triangle mesh: `vertices` (n, 3) mm, `faces` (m, 3) corner indices, normals outward by the right hand."""
+    """A triangle mesh in mm.
+
+    Parameters
+    ----------
+    vertices : array (n, 3) float64
+        Coordinates, mm. The mesh keeps a copy that cannot be written.
+    faces : array (m, 3) int64
+        Indices of each triangle's corners, counter-clockwise seen from outside.
+
+    Raises
+    ------
+    StageError
+        An array has another shape or type, a coordinate is not finite, or an index is out of range.
+
+    Examples
+    --------
+    >>> corners = [[0, 0, 0], [4, 0, 0], [0, 4, 0]]
+    >>> surface = SurfaceMesh(corners, [[0, 1, 2]])
+    >>> surface.area
+    8.0
+    >>> surface.to_trimesh().faces.shape
+    (1, 3)
+    """
 
     vertices: Floats
     faces: Ints
@@ -108,6 +149,61 @@ class SurfaceMesh(Artifact):
         self.own_array("faces", np.int64, (None, 3))
         _require_indices("SurfaceMesh", "faces", self.faces, len(self.vertices))
         super().__post_init__()
+
+    @classmethod
+    def from_trimesh(cls, mesh: trimesh.Trimesh) -> Self:
+        """Return the surface of a `trimesh.Trimesh`; its coordinates are taken as mm.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh
+            Where it knows its `units`, these must be mm.
+
+        Raises
+        ------
+        StageError
+            It is no `Trimesh`, is not in mm, or breaks a rule of this class.
+
+        Examples
+        --------
+        >>> import trimesh
+        >>> outer = OuterShape.from_trimesh(trimesh.creation.box((2, 3, 4)))
+        >>> round(outer.volume, 9)
+        24.0
+        """
+        from scaffold_pipeline.artifacts.conversions import surface_from_trimesh
+
+        return cls(*surface_from_trimesh(mesh))
+
+    @classmethod
+    def from_pyvista(cls, mesh: pyvista.PolyData) -> Self:
+        """Return the surface of a `pyvista.PolyData`, polygons cut into triangles; its coordinates are taken as mm.
+
+        Parameters
+        ----------
+        mesh : pyvista.PolyData
+            Faces alone, neither lines nor points.
+
+        Raises
+        ------
+        StageError
+            It is no `PolyData`, has other cells, or breaks a rule of this class.
+        """
+        from scaffold_pipeline.artifacts.conversions import surface_from_pyvista
+
+        return cls(*surface_from_pyvista(mesh))
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """Return a `trimesh.Trimesh` in mm with the same vertices and faces, in the same order, free to be changed."""
+        from scaffold_pipeline.artifacts.conversions import surface_to_trimesh
+
+        return surface_to_trimesh(self)
+
+    def to_pyvista(self) -> pyvista.PolyData:
+        """Return a `pyvista.PolyData` in mm with the same vertices and faces, free to be changed."""
+        from scaffold_pipeline.artifacts.conversions import surface_to_pyvista
+
+        return surface_to_pyvista(self)
 
     @property
     def volume(self) -> float:
@@ -144,9 +240,29 @@ class SurfaceMesh(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class OuterShape(SurfaceMesh):
-    """The anatomical outer shape: a closed, outward surface.
+    """The anatomical outer shape: a closed, outward surface in mm.
 
-    `notes` tell in words what was done to make it so, `facts` by number.
+    Parameters
+    ----------
+    vertices : array (n, 3) float64
+        Coordinates, mm.
+    faces : array (m, 3) int64
+        Indices of each triangle's corners, counter-clockwise seen from outside.
+    notes : tuple of str, optional
+        What was done to make it so, in words.
+    facts : mapping, optional
+        The same by number.
+
+    Raises
+    ------
+    StageError
+        The surface is open, its triangles disagree on which side is out, or they face inward.
+
+    Examples
+    --------
+    >>> corners = [[0, 0, 0], [6, 0, 0], [0, 6, 0], [0, 0, 6]]
+    >>> OuterShape(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]).volume
+    36.0
     """
 
     notes: tuple[str, ...] = ()
@@ -155,7 +271,14 @@ class OuterShape(SurfaceMesh):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.volume <= 0.0:
-            raise StageError(f"OuterShape: must enclose a positive volume, got {self.volume:.6g} mm^3")
+            remedy = "; its triangles face inward: turn them, as in faces[:, ::-1]" if self.volume < 0.0 else ""
+            raise StageError(f"OuterShape: must enclose a positive volume, got {self.volume:.6g} mm^3{remedy}")
+        lone = _unmatched_sides(self.faces, len(self.vertices))
+        if lone:
+            raise StageError(
+                f"OuterShape: must be closed, with the next triangle across each side, but {lone} of "
+                f"{3 * len(self.faces)} sides have none that runs the other way; the stage load_surface repairs files"
+            )
 
     def summary(self) -> dict[str, Fact]:
         """Return the surface's facts, the notes and what was done."""
@@ -189,6 +312,31 @@ class CellMesh(Artifact):
         """Return the kind of cell that each field holds."""
         return {kind.plural: kind.name for kind in CELL_TYPES.values() if kind.is_planar == cls.IS_PLANAR}
 
+    @classmethod
+    def from_pyvista(cls, grid: pyvista.UnstructuredGrid) -> Self:
+        """Return the mesh of a `pyvista.UnstructuredGrid`; its coordinates are taken as mm.
+
+        Parameters
+        ----------
+        grid : pyvista.UnstructuredGrid
+            Cells of the kinds that this class has. Points and edges, beside solid cells also faces, are left out.
+
+        Raises
+        ------
+        StageError
+            It is no such grid, has cells of other kinds, or breaks a rule of this class.
+        """
+        from scaffold_pipeline.artifacts.conversions import cells_from_pyvista
+
+        vertices, cells = cells_from_pyvista(grid, is_planar=cls.IS_PLANAR)
+        return cls(**{"vertices": vertices, **cells})
+
+    def to_pyvista(self) -> pyvista.UnstructuredGrid:
+        """Return a `pyvista.UnstructuredGrid` in mm with the same vertices and cells, free to be changed."""
+        from scaffold_pipeline.artifacts.conversions import cells_to_pyvista
+
+        return cells_to_pyvista(self)
+
     @property
     def cells(self) -> dict[str, Ints]:
         """The corner indices of each cell kind that the mesh has, keyed by the names of `CELL_TYPES`."""
@@ -221,7 +369,28 @@ class CellMesh(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class VolumeMesh(CellMesh):
-    """A mesh of solid cells: `tetrahedra` (m, 4), `pyramids` (m, 5), `wedges` (m, 6) and `hexahedra` (m, 8)."""
+    """A mesh of solid cells in mm, one array a kind; its edges become struts, its cells pores.
+
+    Parameters
+    ----------
+    vertices : array (n, 3) float64
+        Coordinates, mm; each belongs to a cell.
+    tetrahedra, pyramids, wedges, hexahedra : array (m, 4), (m, 5), (m, 6), (m, 8) int64, optional
+        Indices of the corners of each cell in VTK's order, so that its volume is positive.
+    facts : mapping, optional
+        What its maker measured.
+
+    Raises
+    ------
+    StageError
+        An array has another shape or type, a cell is inverted or flat, or two cells overlap at a face.
+
+    Examples
+    --------
+    >>> mesh = VolumeMesh([[0, 0, 0], [6, 0, 0], [0, 6, 0], [0, 0, 6]], tetrahedra=[[0, 1, 2, 3]])
+    >>> mesh.volume, len(mesh.edges)
+    (36.0, 6)
+    """
 
     IS_PLANAR = False
 
@@ -240,7 +409,27 @@ class VolumeMesh(CellMesh):
 
 @dataclass(frozen=True, eq=False)
 class PlanarMesh(CellMesh):
-    """A mesh of tiles in a plane z = const, counter-clockwise from +z: `triangles` (m, 3), `quadrangles` (m, 4)."""
+    """A mesh of tiles in a plane z = const, mm.
+
+    Parameters
+    ----------
+    vertices : array (n, 3) float64
+        Coordinates, mm, all of one z; each belongs to a tile.
+    triangles, quadrangles : array (m, 3), (m, 4) int64, optional
+        Indices of the corners of each tile, counter-clockwise seen from +z.
+    facts : mapping, optional
+        What its maker measured.
+
+    Raises
+    ------
+    StageError
+        An array has another shape or type, a tile is turned over or flat, or two tiles overlap at an edge.
+
+    Examples
+    --------
+    >>> PlanarMesh([[0, 0, 1], [4, 0, 1], [0, 4, 1]], triangles=[[0, 1, 2]]).area
+    8.0
+    """
 
     IS_PLANAR = True
 
@@ -262,10 +451,20 @@ class PlanarMesh(CellMesh):
 
 @dataclass(frozen=True, eq=False)
 class IsoSurface(SurfaceMesh):
-    """The surface between solid and void, not yet clipped to the outer shape.
+    """The surface between solid and void, mm, not yet clipped to the outer shape.
 
-    `iso` is the value used; `porosity_requested` the porosity it was solved for, or None; `skin` the shell
-    in mm that was counted as solid in solving; `facts` what was done to the surface since.
+    Parameters
+    ----------
+    vertices, faces : array (n, 3) float64, array (m, 3) int64
+        As those of a `SurfaceMesh`.
+    iso : float, default 0.0
+        The field's value on the surface: solid is where it is above.
+    porosity_requested : float, optional
+        The share of 1 that `iso` was solved for.
+    skin : float, default 0.0
+        Shell that was counted as solid in solving, mm.
+    facts : mapping, optional
+        What was done to the surface since.
     """
 
     iso: float = 0.0
@@ -281,10 +480,21 @@ class IsoSurface(SurfaceMesh):
 
 @dataclass(frozen=True, eq=False)
 class Solid(SurfaceMesh):
-    """The printable solid, its coordinates exact in float32 so that no file rounds them further.
+    """The printable solid, mm, its coordinates exact in float32 so that no file rounds them further.
 
-    `pore_volumes` (k,) mm^3 is the volume of each connected piece of the pore space within the outer shape,
-    greatest first; `facts` what the clip did.
+    Parameters
+    ----------
+    vertices, faces : array (n, 3) float64, array (m, 3) int64
+        As those of a `SurfaceMesh`.
+    pore_volumes : array (k,) float64, optional
+        Volume of each connected piece of the pore space within the outer shape, mm^3, greatest first.
+    facts : mapping, optional
+        What the clip to the outer shape did.
+
+    Raises
+    ------
+    StageError
+        It encloses no volume.
     """
 
     pore_volumes: Floats = field(default_factory=lambda: np.empty(0))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,10 +38,6 @@ def answer(value: object, text: str, *, as_json: bool) -> int:
 
 def chosen_cache(folder: Path | None) -> Cache | None:
     """Return the cache that the user names, here or in the environment, with the limit that stands there, or None."""
-    from scaffold_pipeline.run.cache import DEFAULT_LIMIT, FOLDER_VARIABLE, LIMIT_VARIABLE, Cache, parse_size
+    from scaffold_pipeline.run.cache import choose_cache
 
-    chosen = folder or os.environ.get(FOLDER_VARIABLE)
-    if not chosen:
-        return None
-    limit = parse_size(os.environ.get(LIMIT_VARIABLE) or DEFAULT_LIMIT, LIMIT_VARIABLE)
-    return Cache(Path(chosen).expanduser().absolute(), limit)
+    return choose_cache(folder)

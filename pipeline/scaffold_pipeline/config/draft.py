@@ -16,22 +16,24 @@ from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
 from scaffold_pipeline.config import yaml_source
 from scaffold_pipeline.config.yaml_source import Document
 from scaffold_pipeline.errors import ConfigError, Fault, StageDefinitionError, did_you_mean
 from scaffold_pipeline.stages.contract import InputFileMark, Params, Stage
+from scaffold_pipeline.stages.faults import format_value, parameter_fault, to_plain, unknown_parameter
 from scaffold_pipeline.stages.registry import load_stage
+from scaffold_pipeline.stages.seeds import seed_fault
 
 _TOP_LEVEL = ("name", "seed", "stages")
 STUDY_KEYS = frozenset({"base", "runs", "vary"})
 """Keys by which a study is told from a config."""
+UNNAMED = "run"
+"""What a config that is no file is called where it has no name."""
 _STAGE_WORDS = ("use", "as", "from")
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 NAME_RULE = "must be letters, digits, dots, dashes and underscores, as it names a folder"
 _SLOT = re.compile(r"[a-z][a-z0-9_]*")
-_GREATEST_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -112,10 +114,13 @@ def read_document(path: Path, rule: str) -> Document:
     return document
 
 
-def read_settings(texts: Sequence[str]) -> tuple[Setting, ...]:
-    """Return what texts of the form `stage.key=value` ask for, as `--set` takes them."""
+def read_settings(texts: Sequence[str | Setting]) -> tuple[Setting, ...]:
+    """Return what texts of the form `stage.key=value` ask for, as `--set` takes them; a setting stays what it is."""
     settings = []
     for text in texts:
+        if isinstance(text, Setting):
+            settings.append(text)
+            continue
         target, sign, value = text.partition("=")
         target = target.strip() if sign else ""
         parsed = value if target == "name" else yaml_source.parse_scalar(value)
@@ -123,16 +128,28 @@ def read_settings(texts: Sequence[str]) -> tuple[Setting, ...]:
     return tuple(settings)
 
 
+def settings_from(values: Mapping[str, Any] | None) -> tuple[Setting, ...]:
+    """Return what a dict of `stage.key` to values asks for; raises `ConfigError` where it is none."""
+    given: object = {} if values is None else values  # what a caller gives may be of any type
+    if not isinstance(given, Mapping):
+        rule = f"settings: must map stage.parameter to values, got {format_value(given)}"
+        raise ConfigError([Fault(0, 0, rule)])
+    return tuple(
+        Setting(str(target), to_plain(value), Fault(0, 0, "", f"settings[{str(target)!r}]"))
+        for target, value in given.items()
+    )
+
+
 def make_draft(document: Document, settings: Sequence[Setting] = ()) -> Draft:
     """Return the draft of a configuration that was read, with `settings` in the place of its own values."""
     path = Path(document.source)
     values = _copy_tree(document.values)
-    values.setdefault("name", path.stem)
+    values.setdefault("name", path.stem or UNNAMED)
     setting_faults, overrides = _apply_settings(values, settings)
     draft = Draft("", 0, (), document, overrides, ())
     faults = [*document.faults, *setting_faults, *_top_level_faults(draft, values)]
     entries = values.get("stages")
-    context = {"base": path.resolve().parent}
+    context = {"base": path.resolve().parent} if document.source else {}  # a dict's paths are seen from here
     stages = []
     for index, entry in enumerate(entries if isinstance(entries, list) else []):
         stage_draft, found = _read_stage(draft, index, entry, context)
@@ -173,14 +190,14 @@ def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
     name = values["name"]
     if not (isinstance(name, str) and NAME.fullmatch(name)):
         yield draft.fault(("name",), f"name: {NAME_RULE}, got {name!r}")
-    seed = values.get("seed", 0)
-    if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed <= _GREATEST_SEED:
-        yield draft.fault(("seed",), f"seed: must be a whole number from 0 to 2^63 - 1, got {seed!r}")
+    fault = seed_fault(values.get("seed", 0))
+    if fault:
+        yield draft.fault(("seed",), fault)
     if not isinstance(values.get("stages"), list) or not values["stages"]:
         yield draft.fault(("stages",), "stages: must be a list of at least one stage, each with `use: NAME`")
 
 
-def _read_stage(draft: Draft, index: int, entry: object, context: dict[str, Any]) -> tuple[StageDraft, list[Fault]]:
+def _read_stage(draft: Draft, index: int, entry: object, context: Mapping[str, Any]) -> tuple[StageDraft, list[Fault]]:
     path = ("stages", index)
     if not isinstance(entry, dict) or not isinstance(entry.get("use"), str):
         message = f"stages.{index}: must be a mapping with `use: STAGE`, got {format_value(entry)}"
@@ -197,7 +214,7 @@ def _read_stage(draft: Draft, index: int, entry: object, context: dict[str, Any]
         params = stage.params.model_validate(given, context=context)
     except ValidationError as error:
         faults.extend(
-            draft.fault((*path, *detail["loc"]), bare.says(_message(detail, stage)))
+            draft.fault((*path, *detail["loc"]), bare.says(parameter_fault(detail, stage)))
             for detail in error.errors(include_url=False)
         )
     slot, sources = entry.get("as", stage.writes), entry.get("from") or {}
@@ -216,24 +233,6 @@ def _word_faults(entry: dict[Any, Any], stage: Stage) -> Iterator[tuple[str, str
     for argument in sources:
         if argument not in stage.reads:
             yield "from", f"from: the stage reads no {argument!r}{did_you_mean(str(argument), stage.reads)}"
-
-
-def _message(detail: ErrorDetails, stage: Stage) -> str:
-    """Return pydantic's finding as: parameter, rule, value, remedy."""
-    place = ".".join(str(part) for part in detail["loc"])
-    if detail["type"] == "extra_forbidden":
-        return _unknown_parameter(place, stage)
-    if detail["type"] == "missing":
-        return f"{place}: is required"
-    rule = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("Input", "it")
-    subject = f"{place}: {rule}" if place else rule
-    return subject if detail["type"] == "value_error" else f"{subject}, got {format_value(detail['input'])}"
-
-
-def format_value(value: object) -> str:
-    """Return a value as a fault shows it."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."  # keeps a fault on one line
 
 
 def _apply_settings(
@@ -286,11 +285,7 @@ def target_fault(document: Document, setting: Setting) -> Fault | None:
         return setting.fault(str(error.args[0]))
     if stage is None or path[2] in (*_STAGE_WORDS, *stage.params.model_fields):
         return None
-    return setting.fault(f"{setting.target}: {_unknown_parameter(str(path[2]), stage)}")
-
-
-def _unknown_parameter(place: str, stage: Stage) -> str:
-    return f"unknown parameter {place!r}{did_you_mean(place, stage.params.model_fields)}"
+    return setting.fault(f"{setting.target}: {unknown_parameter(str(path[2]), stage)}")
 
 
 def _assign(values: Any, path: yaml_source.Path, setting: Setting) -> None:  # noqa: ANN401 - a YAML tree

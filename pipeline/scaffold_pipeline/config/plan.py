@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from hashlib import sha256
 from typing import Any
 
 from scaffold_pipeline.artifacts import Artifact
@@ -16,6 +15,7 @@ from scaffold_pipeline.config.draft import Draft, StageDraft
 from scaffold_pipeline.errors import ConfigError, Fault, StageDefinitionError, did_you_mean
 from scaffold_pipeline.stages.contract import Follows, Params, Stage
 from scaffold_pipeline.stages.registry import load_stage, stage_names
+from scaffold_pipeline.stages.seeds import derive_seed
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Step:
         """Return this step's own seed, derived from the run's, or None where the stage is not random."""
         if "rng" not in self.stage.engine_arguments:
             return None
-        return int.from_bytes(sha256(f"{root}:{self.label}".encode()).digest()[:8], "big")
+        return derive_seed(root, self.label)
 
 
 @dataclass(frozen=True)

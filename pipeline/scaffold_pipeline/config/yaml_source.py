@@ -30,7 +30,7 @@ _MOST_VALUES = 100_000
 class Document:
     """A parsed file: its values, where each value and key stands (line and column from 1), and repeated keys.
 
-    `comment` is what its first lines say, in one line.
+    `comment` is what its first lines say, in one line. Without a `source` it was made in Python, and has no places.
     """
 
     source: str
@@ -41,6 +41,8 @@ class Document:
 
     def fault(self, path: Path, message: str) -> Fault:
         """Return a fault at `path`, or at the nearest thing around it that stands in the file."""
+        if not self.source:
+            return Fault(0, 0, message)
         while path and path not in self.places:
             path = path[:-1]
         line, column = self.places.get(path, FIRST_PLACE)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import threading
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -20,6 +21,22 @@ def use_one_blas_thread() -> None:
     os.environ.update(dict.fromkeys(_BLAS_VARIABLES, "1"))
 
 
+_COMPUTING = threading.RLock()
+
+
+@contextmanager
+def computing() -> Iterator[None]:
+    """Compute with one BLAS thread in a `with` block, in a process of the user's own, and let one thread in at a time.
+
+    The number of BLAS threads, and what is done with warnings, are those of the whole process. A BLAS that is loaded
+    in the block keeps its one thread.
+    """
+    from threadpoolctl import threadpool_limits
+
+    with _COMPUTING, _environment(dict.fromkeys(_BLAS_VARIABLES, "1")), threadpool_limits(1, user_api="blas"):
+        yield
+
+
 def core_count() -> int:
     """Return the number of cores that this process may run on."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -34,8 +51,14 @@ def thread_count() -> int:
 @contextmanager
 def threads_of_children(count: int) -> Iterator[None]:
     """Have the processes that are started, and the libraries that are loaded, in a `with` block use `count` threads."""
-    earlier = {name: os.environ.get(name) for name in THREAD_VARIABLES}
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, str(count)))
+    with _environment(dict.fromkeys(THREAD_VARIABLES, str(count))):
+        yield
+
+
+@contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    earlier = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
     try:
         yield
     finally:

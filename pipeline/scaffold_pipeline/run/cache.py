@@ -63,6 +63,15 @@ def parse_size(text: str, source: str) -> int:
     return round(float(match[1]) * _UNITS[match[2].upper()])
 
 
+def choose_cache(folder: str | Path | None) -> Cache | None:
+    """Return the cache in `folder`, or the one that the environment names, with the limit given there, or None."""
+    chosen = folder or os.environ.get(FOLDER_VARIABLE)
+    if not chosen:
+        return None
+    limit = parse_size(os.environ.get(LIMIT_VARIABLE) or DEFAULT_LIMIT, LIMIT_VARIABLE)
+    return Cache(Path(chosen).expanduser().absolute(), limit)
+
+
 class Cache:
     """The folder of a cache, made when something is first stored, and the bytes that `prune` leaves in it."""
 

@@ -31,7 +31,7 @@ def describe(stage: Stage) -> str:
     """Return all that a user must know of a stage: what it does, its slots, its parameters with unit and default."""
     reads = ", ".join(f"{name}{' (if there)' if read.optional else ''}" for name, read in stage.reads.items())
     lines = [stage.name, f"  {stage.summary}", f"  reads: {reads or '-'}", f"  writes: {stage.writes}", "  parameters:"]
-    for name, text in _parameters(stage).items():
+    for name, text in describe_parameters(stage).items():
         lines += [f"    {name}: {text['type']}, {text['default']}", f"        {text['meaning']}"]
     return "\n".join(lines)
 
@@ -81,7 +81,8 @@ def _stage_schema(stage: Stage) -> dict[str, Any]:
     return {**schema, "title": stage.name, "description": stage.summary}
 
 
-def _parameters(stage: Stage) -> dict[str, dict[str, str]]:
+def describe_parameters(stage: Stage) -> dict[str, dict[str, str]]:
+    """Return for each parameter of a stage its `type` with the unit, its `default` and its `meaning`, in words."""
     units, follows = stage.params.marked(Unit), stage.params.marked(Follows)
     properties = stage.params.model_json_schema().get("properties", {})
     told = {}

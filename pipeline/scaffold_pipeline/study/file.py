@@ -25,7 +25,6 @@ from scaffold_pipeline.config.draft import (
     NAME_RULE,
     STUDY_KEYS,
     Setting,
-    format_value,
     make_draft,
     read_document,
     read_settings,
@@ -35,6 +34,7 @@ from scaffold_pipeline.config.plan import Plan, make_plan
 from scaffold_pipeline.config.yaml_source import Document
 from scaffold_pipeline.errors import ConfigError, Fault, did_you_mean
 from scaffold_pipeline.run.store import hash_json
+from scaffold_pipeline.stages.faults import format_value
 from scaffold_pipeline.study.variations import MODES, Variations, read_variations, setting
 
 MOST_POINTS = 2000
@@ -88,7 +88,7 @@ class _Singles:
     points: Callable[[], Iterator[Point]]
 
 
-def read_study(path: Path, settings: Sequence[str] = (), *, may_be_large: bool = False) -> Study:
+def read_study(path: Path, settings: Sequence[str | Setting] = (), *, may_be_large: bool = False) -> Study:
     """Read the study file at `path`; `settings`, as `--set` takes them, are applied to every config.
 
     Raises `ConfigError` with all faults of the file, or else with those of all points, and for more than

@@ -10,9 +10,10 @@ from fractions import Fraction
 from itertools import product
 from pathlib import Path as FilePath
 
-from scaffold_pipeline.config.draft import Setting, format_value
+from scaffold_pipeline.config.draft import Setting
 from scaffold_pipeline.config.yaml_source import Document, Path
 from scaffold_pipeline.errors import Fault
+from scaffold_pipeline.stages.faults import format_value
 
 MODES = ("grid", "zip", "list")
 

@@ -6,13 +6,14 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from multiprocessing.process import BaseProcess
 from types import FrameType
+from typing import TypeVar
 
 from scaffold_pipeline.processes.isolation import die_with_parent
 from scaffold_pipeline.processes.memory import available_memory
@@ -20,6 +21,8 @@ from scaffold_pipeline.processes.threads import core_count, threads_of_children
 
 _GRACE = 5.0
 """Seconds that an interrupted worker has to put its things in order before it is ended."""
+
+_Result = TypeVar("_Result")
 
 _is_worker = False
 
@@ -37,6 +40,23 @@ def local_pool(most: int, count: int | None = None) -> WorkerPool:
     """Return `count` processes of this machine; by default one a core, `most` at most."""
     size = max(1, count or min(core_count(), most))
     return WorkerPool(size, available_memory(), partial(local_workers, size))
+
+
+def in_process() -> WorkerPool:
+    """Return this process itself as the one that works on points, one after another."""
+    return WorkerPool(1, available_memory(), _InProcess)
+
+
+class _InProcess(Executor):
+    """An executor that does what it is given at once; an interrupt ends it as it ends any other call."""
+
+    def submit(self, fn: Callable[..., _Result], /, *args: object, **kwargs: object) -> Future[_Result]:
+        future: Future[_Result] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:  # noqa: BLE001 - it is raised where the result is asked for
+            future.set_exception(error)
+        return future
 
 
 @contextmanager

@@ -1,0 +1,207 @@
+"""`study` from Python: a config over all that varies, to one table."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from scaffold_pipeline.api.run import Run, open_run
+from scaffold_pipeline.api.show import show_page
+from scaffold_pipeline.artifacts.markup import facts_table
+from scaffold_pipeline.cli.console import watch_study
+from scaffold_pipeline.config.draft import settings_from
+from scaffold_pipeline.errors import ConfigError, Fault, StageError, did_you_mean
+from scaffold_pipeline.processes.threads import computing
+from scaffold_pipeline.run.cache import choose_cache
+from scaffold_pipeline.stages.faults import format_value
+from scaffold_pipeline.study.file import Study, read_study
+from scaffold_pipeline.study.page import PAGE
+from scaffold_pipeline.study.study import POINTS, run_study
+from scaffold_pipeline.study.table import PointState, to_table
+from scaffold_pipeline.study.workers import in_process, local_pool
+
+_SHOWN = ("quality", "porosity", "volume_mm3")
+"""Metrics of a point that a glance at the study tells; `table` has all."""
+
+
+class StudyRun(Mapping[str, Run]):
+    """A study and its results: `table`, and for each point, by its name, the `Run` of it.
+
+    `study` makes it.
+
+    Parameters
+    ----------
+    folder : Path
+        The study's folder, with `table.csv`, `study.html` and the run of each point.
+    columns : tuple of str
+        What varies.
+    states : list of PointState
+        What became of each point.
+    """
+
+    def __init__(self, folder: Path, columns: tuple[str, ...], states: list[PointState]) -> None:
+        self.folder = folder
+        self._columns = columns
+        self._states = {state.name: state for state in states}
+        self._is_temporary = False
+
+    def remove_folder_at_end(self) -> None:
+        """Remove the folder when this is no longer used, or the process ends."""
+        self._is_temporary = True
+        weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+
+    @property
+    def table(self) -> list[dict[str, object]]:
+        """One row a point, for `pandas.DataFrame`: its name, what varied, all metrics, the verdict and the error."""
+        titles, rows = to_table(self._columns, list(self._states.values()))
+        return [dict(zip(titles, row, strict=True)) for row in rows]
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """What ended the points that failed, by their names."""
+        return {name: state.error for name, state in self._states.items() if state.error is not None}
+
+    @property
+    def page(self) -> Path:
+        """The page `study.html`."""
+        return self.folder / PAGE
+
+    def show(self) -> None:
+        """Show the page: within a notebook, else in the browser."""
+        show_page(self.page, is_temporary=self._is_temporary)
+
+    def __getitem__(self, name: str) -> Run:
+        if name not in self._states:
+            raise KeyError(f"the study has no point {name!r}{did_you_mean(name, self._states)}")
+        point = open_run(self.folder / POINTS / name)
+        point.keep_alive(self)
+        return point
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._states)
+
+    def __len__(self) -> int:
+        return len(self._states)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+    def __hash__(self) -> int:
+        return id(self)
+
+    def __repr__(self) -> str:
+        return f"<StudyRun: {len(self)} points, {len(self.errors)} failed; {self.folder}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"folder": self.folder, "_columns": self._columns, "_states": self._states, "_is_temporary": True}
+
+    def _repr_html_(self) -> str:
+        shown = {
+            state.name: state.error or [f"{key}: {state.metrics[key]}" for key in _SHOWN if key in state.metrics]
+            for state in self._states.values()
+        }
+        return f"<div><strong>{len(self)} points</strong>{facts_table(shown)}</div>"
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self)
+
+
+def study(  # noqa: PLR0913 - all but one by name, each a choice of its own
+    study_file: str | Path,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    out: str | Path | None = None,
+    workers: int = 1,
+    keep_going: bool = False,
+    cache: str | Path | None = None,
+    verbose: bool = False,
+) -> StudyRun:
+    r"""Run a config over all that a study varies, as the command `scaffold-pipeline study` does, and return its table.
+
+    Parameters
+    ----------
+    study_file : path
+        The YAML file that says what varies.
+    settings : dict, optional
+        Values for all points, by `stage.parameter`.
+    out : path, optional
+        The study's folder: the same call goes on from what lies there. Without it all lies in a temporary folder that
+        is removed with the `StudyRun`.
+    workers : int, default 1
+        Points that run at once, each in a process of its own where there are more than one. A script then calls this
+        under `if __name__ == "__main__":`, as Python asks of all that starts processes.
+    keep_going : bool, default False
+        Go on with the other points after one has failed; `errors` tells which did.
+    cache : path, optional
+        Folder of results that runs share; `SCAFFOLD_PIPELINE_CACHE` of the environment by default.
+    verbose : bool, default False
+        Tell on standard error of each point that ends.
+
+    Returns
+    -------
+    StudyRun
+        A mapping of points to runs, with the `table`.
+
+    Raises
+    ------
+    ConfigError
+        The study or one of its configs cannot run; every fault with its place.
+    StageError
+        A point failed, unless `keep_going`; a line a point.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> config, varied = Path(folder.name, "rod.yaml"), Path(folder.name, "edges.yaml")
+    >>> _ = config.write_text("stages: [{use: make_mesh, shape: rod}, {use: extract_outer}]")
+    >>> _ = varied.write_text("base: rod.yaml\nvary: {make_mesh.edge: [1.0, 2.0]}")
+    >>> edges = study(varied)
+    >>> [row["make_mesh.edge"] for row in edges.table]
+    [1.0, 2.0]
+    >>> edges["edge-2.0"]["outer"].volume
+    32.0
+    >>> folder.cleanup()
+    """
+    _require_sensible(study_file, workers)
+    asked = read_study(Path(study_file).expanduser(), settings_from(settings), may_be_large=True)
+    folder = Path(tempfile.mkdtemp(prefix="scaffold-study-")) if out is None else Path(out).expanduser().absolute()
+    try:
+        states = _run(asked, folder, workers, cache, keep_going=keep_going, verbose=verbose)
+    except BaseException:
+        if out is None:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    made = StudyRun(folder, asked.columns, states)
+    if out is None:
+        made.remove_folder_at_end()
+    if made.errors and not keep_going:
+        raise StageError("\n".join(f"{name}: {error}" for name, error in made.errors.items()))
+    return made
+
+
+def _require_sensible(study_file: object, workers: object) -> None:
+    if not isinstance(study_file, str | Path):
+        raise ConfigError([Fault(0, 0, f"a study is the path of a YAML file, got {format_value(study_file)}")])
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise ConfigError([Fault(0, 0, f"workers: must be a whole number of 1 at least, got {format_value(workers)}")])
+
+
+def _run(
+    asked: Study, folder: Path, workers: int, cache: str | Path | None, *, keep_going: bool, verbose: bool
+) -> list[PointState]:
+    shared = choose_cache(cache)
+    pool_factory = partial(local_pool, count=workers) if workers > 1 else lambda _count: in_process()
+    with computing(), watch_study(quiet=not verbose) as watcher:
+        states = run_study(
+            asked, folder, cache=shared, pool_factory=pool_factory, keep_going=keep_going, watcher=watcher
+        )
+    if shared is not None:
+        shared.prune()
+    return states

@@ -1,0 +1,129 @@
+"""Meshes and fields to and from trimesh and pyvista: the one place of the engine that knows them.
+
+Both are imported where they are used: a run that converts nothing never loads them here.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from scaffold_pipeline.artifacts.cells import CELL_TYPES, Floats, Ints
+from scaffold_pipeline.errors import StageError
+
+if TYPE_CHECKING:
+    import pyvista
+    import trimesh
+
+    from scaffold_pipeline.artifacts.fields import ScalarField
+    from scaffold_pipeline.artifacts.meshes import CellMesh, SurfaceMesh
+
+_VTK_NUMBERS = {"triangle": 5, "quadrangle": 9, "tetrahedron": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
+"""VTK's own numbers of the cell types; corners follow its order already."""
+
+_MILLIMETRES = {None, "mm", "millimeter", "millimeters", "millimetre", "millimetres"}
+
+
+def surface_to_trimesh(surface: SurfaceMesh) -> trimesh.Trimesh:
+    """Return the surface as a `trimesh.Trimesh` in mm: the same vertices and faces in the same order."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(surface.vertices.copy(), surface.faces.copy(), process=False)
+    mesh.units = "mm"
+    return mesh
+
+
+def surface_from_trimesh(mesh: object) -> tuple[Floats, Ints]:
+    """Return vertices (n, 3) mm and faces (m, 3) of a `trimesh.Trimesh`.
+
+    Raises `StageError` for anything else, such as a scene, and for a mesh that says it is not in mm.
+    """
+    import trimesh
+
+    if not isinstance(mesh, trimesh.Trimesh):
+        remedy = "; join its parts with mesh.to_mesh()" if isinstance(mesh, trimesh.Scene) else ""
+        raise StageError(f"from_trimesh: must be a trimesh.Trimesh, got {_kind(mesh)}{remedy}")
+    if mesh.units not in _MILLIMETRES:
+        raise StageError(f"from_trimesh: must be in mm, got {mesh.units!r}; call mesh.convert_units('mm') first")
+    return np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+
+
+def surface_to_pyvista(surface: SurfaceMesh) -> pyvista.PolyData:
+    """Return the surface as a `pyvista.PolyData`, mm."""
+    import pyvista
+
+    return pyvista.PolyData.from_regular_faces(surface.vertices.copy(), surface.faces.copy())
+
+
+def surface_from_pyvista(mesh: object) -> tuple[Floats, Ints]:
+    """Return vertices (n, 3) mm and faces (m, 3) of a `pyvista.PolyData`, polygons cut into triangles.
+
+    Raises `StageError` for anything else, and where it has lines or points alone.
+    """
+    import pyvista
+
+    if not isinstance(mesh, pyvista.PolyData):
+        remedy = "; take mesh.extract_surface()" if isinstance(mesh, pyvista.DataSet) else ""
+        raise StageError(f"from_pyvista: must be a pyvista.PolyData, got {_kind(mesh)}{remedy}")
+    if mesh.n_lines or mesh.n_verts or mesh.n_strips or not mesh.n_cells:
+        raise StageError("from_pyvista: must hold faces and nothing else, but it has lines, points or strips, or none")
+    triangles = mesh if mesh.is_all_triangles else mesh.triangulate()
+    return np.array(triangles.points, np.float64), np.array(triangles.regular_faces, np.int64)
+
+
+def cells_to_pyvista(mesh: CellMesh) -> pyvista.UnstructuredGrid:
+    """Return the cells as a `pyvista.UnstructuredGrid`, mm."""
+    import pyvista
+
+    cells = {_VTK_NUMBERS[kind]: corners.copy() for kind, corners in mesh.cells.items()}
+    return pyvista.UnstructuredGrid(cells, mesh.vertices.copy())
+
+
+def cells_from_pyvista(grid: object, *, is_planar: bool) -> tuple[Floats, dict[str, Ints]]:
+    """Return the vertices (n, 3) mm and the cells, by plural name, of a `pyvista.UnstructuredGrid`.
+
+    Points, edges and, among solid cells, faces are left out, as are vertices that no cell has. Raises `StageError`
+    for anything but a grid, and for cells of other kinds, such as those of second order.
+    """
+    import pyvista
+
+    if not isinstance(grid, pyvista.UnstructuredGrid):
+        remedy = "; take mesh.cast_to_unstructured_grid()" if isinstance(grid, pyvista.Grid) else ""
+        raise StageError(f"from_pyvista: must be a pyvista.UnstructuredGrid, got {_kind(grid)}{remedy}")
+    kinds = {number: CELL_TYPES[kind] for kind, number in _VTK_NUMBERS.items()}
+    fitting = {number: kind for number, kind in kinds.items() if kind.is_planar == is_planar}
+    others = [number for number in np.unique(grid.celltypes) if number not in fitting]
+    foreign = [pyvista.CellType(number).name for number in others if not _is_lesser(number, is_planar=is_planar)]
+    if foreign:
+        rule = f"must hold {', '.join(kind.plural for kind in fitting.values())}"
+        raise StageError(f"from_pyvista: {rule}, but it has cells of type {', '.join(foreign)}")
+    found = {fitting[number].plural: cells for number, cells in grid.cells_dict.items() if number in fitting}
+    return _without_unused(np.array(grid.points, np.float64), found)
+
+
+def field_to_pyvista(field: ScalarField) -> pyvista.ImageData:
+    """Return the field as a `pyvista.ImageData`, mm, its values as the point data `field`."""
+    import pyvista
+
+    image = pyvista.ImageData(dimensions=field.values.shape, spacing=(field.spacing,) * 3, origin=tuple(field.origin))
+    image.point_data["field"] = field.values.ravel(order="F")  # VTK's first axis is the fastest
+    return image
+
+
+def _is_lesser(number: int, *, is_planar: bool) -> bool:
+    """Return whether VTK's cell type `number` is of fewer dimensions than the cells asked for."""
+    vertex_to_polyline, triangle_to_quadrangle = range(5), range(5, 10)
+    return number in vertex_to_polyline or (not is_planar and number in triangle_to_quadrangle)
+
+
+def _without_unused(vertices: Floats, cells: dict[str, Any]) -> tuple[Floats, dict[str, Ints]]:
+    is_used = np.zeros(len(vertices), bool)
+    for corners in cells.values():
+        is_used[corners] = True
+    numbers = np.cumsum(is_used) - 1
+    return vertices[is_used], {name: np.asarray(numbers[corners], np.int64) for name, corners in cells.items()}
+
+
+def _kind(value: object) -> str:
+    return f"{type(value).__module__.partition('.')[0]}.{type(value).__qualname__}"

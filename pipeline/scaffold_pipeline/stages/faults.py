@@ -1,0 +1,51 @@
+"""What is wrong with parameters, in the words that every way to give them has in common: a file, `--set`, a call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from pydantic_core import ErrorDetails
+
+from scaffold_pipeline.errors import did_you_mean
+from scaffold_pipeline.stages.contract import Stage
+
+
+def parameter_fault(detail: ErrorDetails, stage: Stage) -> str:
+    """Return pydantic's finding on a parameter of `stage` as: parameter, rule, value, remedy."""
+    place = ".".join(str(part) for part in detail["loc"])
+    if detail["type"] == "extra_forbidden":
+        return unknown_parameter(place, stage)
+    if detail["type"] == "missing":
+        return f"{place}: is required"
+    rule = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("Input", "it")
+    subject = f"{place}: {rule}" if place else rule
+    return subject if detail["type"] == "value_error" else f"{subject}, got {format_value(detail['input'])}"
+
+
+def unknown_parameter(place: str, stage: Stage) -> str:
+    """Return the fault of a parameter that `stage` does not have, with the nearest that it has."""
+    return f"unknown parameter {place!r}{did_you_mean(place, stage.params.model_fields)}"
+
+
+def format_value(value: object) -> str:
+    """Return a value as a fault shows it."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."  # keeps a fault on one line
+
+
+def to_plain(value: object) -> Any:  # noqa: ANN401 - what YAML can hold
+    """Return a value from Python as YAML would give it: numpy's numbers and arrays, tuples and paths made plain.
+
+    >>> to_plain({"counts": np.array([4, 2, 2]), "edge": np.float32(0.5), "path": PurePath("heel.stl")})
+    {'counts': [4, 2, 2], 'edge': 0.5, 'path': 'heel.stl'}
+    """
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return {to_plain(key): to_plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [to_plain(entry) for entry in value]
+    return str(value) if isinstance(value, PurePath) else value
