@@ -14,6 +14,7 @@ from scaffold_geometry.files.inputs import warn_of_odd_size
 from scaffold_geometry.surfaces import self_intersections, triangles
 from scaffold_geometry.surfaces.repair import displacement, mend, modes
 from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TURNED, TWICE, RepairLog, RepairOp
+from scaffold_geometry.surfaces.repair.log import METRICS as REPAIR_METRICS
 from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
@@ -70,7 +71,12 @@ class LoadSurfaceParams(Params):
     out, 1 % of the diagonal."""
 
 
-@stage(writes="outer", version=3, libraries=("libigl", "manifold3d", "scipy", "trimesh", "vtk"))
+@stage(
+    writes="outer",
+    version=3,
+    libraries=("libigl", "manifold3d", "scipy", "trimesh", "vtk"),
+    metrics=REPAIR_METRICS,
+)
 def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     """Read a surface in mm, repair it, turn it outward, and refuse what does not bound a solid.
 

@@ -9,10 +9,25 @@ import numpy as np
 from pydantic import Field
 
 from scaffold_geometry.arrays import Floats
-from scaffold_geometry.measures.facts import connectivity_facts, surface_facts, to_place, transport_facts
-from scaffold_geometry.measures.gates import GateParams, failed_gates, gates_not_applied, to_number
+from scaffold_geometry.measures import morphometry as of_voxels
+from scaffold_geometry.measures import struts_and_throats
+from scaffold_geometry.measures.declarations import AREA, COMPUTED, GATES_NOT_APPLIED, PORES, POROSITY, SIZE
+from scaffold_geometry.measures.facts import (
+    CONNECTIVITY_METRICS,
+    SURFACE_METRICS,
+    TRANSPORT_METRICS,
+    connectivity_facts,
+    surface_facts,
+    to_place,
+    transport_facts,
+)
+from scaffold_geometry.measures.gates import GATES, GateParams, failed_gates, gates_not_applied, to_number
+from scaffold_geometry.measures.printability import rules
 from scaffold_geometry.measures.printability.rules import PrintRules
+from scaffold_geometry.surfaces import shells as of_shells
 from scaffold_pipeline.artifacts import (
+    CERTIFICATE_METRICS,
+    UNDER_RESOLVED,
     Fact,
     IsoSurface,
     Metrics,
@@ -31,6 +46,27 @@ if TYPE_CHECKING:
 
 _ON_OUTER = 1e-3
 """A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""
+
+
+METRICS = (
+    *POROSITY,
+    *of_voxels.METRICS,
+    *struts_and_throats.METRICS,
+    *CERTIFICATE_METRICS,
+    *PORES,
+    *CONNECTIVITY_METRICS,
+    *TRANSPORT_METRICS,
+    AREA,
+    *SURFACE_METRICS,
+    *of_shells.METRICS,
+    *SIZE,
+    *rules.METRICS,
+    UNDER_RESOLVED,
+    *COMPUTED,
+    of_voxels.VOXEL_SIZE,
+    GATES_NOT_APPLIED,
+)
+"""What `measure` tells, but for what the stages that make the field and the outer shape tell of these."""
 
 
 class MeasureParams(GateParams):
@@ -56,6 +92,8 @@ class MeasureParams(GateParams):
     writes="metrics",
     version=9,
     libraries=("edt", "libigl", "llvmlite", "numba", "pyamg", "scipy"),
+    metrics=METRICS,
+    gates=GATES,
 )
 def measure(
     solid: Solid,

@@ -19,7 +19,7 @@ from scaffold_geometry.files.solids.formats import FORMATS
 from scaffold_geometry.files.solids.model import Mesh, Model, mesh_of_corners
 from scaffold_geometry.files.solids.pore_space import PoreSpace, pore_space
 from scaffold_geometry.surfaces.merge_corners import to_single
-from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
+from scaffold_pipeline.artifacts import Drawing, Fact, OuterShape, Solid, WrittenFiles
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.run.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, Params, Title, stage
@@ -49,10 +49,14 @@ class WriteSolidParams(Params):
     """Whether the pore space is written too, `void.stl` and so on in the same formats, for casting or flow."""
 
 
+DRAWINGS = (Drawing("preview.png", "Solid", "As it is written to the files.", "lead"),)
+
+
 @stage(
     writes="written",
     version=5,
     libraries=("lib3mf", "libigl", "llvmlite", "manifold3d", "numba", "pyvista", "scipy", "trimesh", "vtk"),
+    drawings=DRAWINGS,
 )
 def write_solid(
     solid: Solid,

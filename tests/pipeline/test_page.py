@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from pipeline.example_page import MEASURES, view_file
+from pipeline.example_page import DECLARED, MEASURES, view_file
 from scaffold_pipeline.report import reproducing
 from scaffold_pipeline.report.page import render_page
 from scaffold_pipeline.report.sources import Sources
@@ -54,6 +54,7 @@ RECORD: dict[str, Any] = {
     "files": {"solid.stl": {"sha256": "34" * 32, "bytes": 53_561_784}},
     "versions": {"numpy": "2.0"},
     "platform": {"system": "Linux"},
+    "declared": DECLARED.to_json(),
 }
 PNG = b"\x89PNG\r\n\x1a\n of a kind"
 HOSTILE = '<script>alert("x")</script><img src=http://example.org/a.png onerror=x>&amp;'
@@ -214,7 +215,7 @@ def test_the_picture_is_in_the_page_to_the_byte():
 
 
 def test_without_a_picture_or_a_view_the_page_says_so_and_how_to_have_one():
-    text = render_page(Sources({**RECORD, "stages": [STAGE, {**STAGE, "slot": "solid"}]}, METRICS))
+    text = render_page(Sources({**RECORD, "declared": None, "stages": [STAGE, {**STAGE, "slot": "solid"}]}, METRICS))
 
     assert "No picture was drawn" in text
     assert "the stage draw_solid , last in a config, makes one" in words(text)
@@ -223,7 +224,7 @@ def test_without_a_picture_or_a_view_the_page_says_so_and_how_to_have_one():
 
 
 def test_a_run_without_a_solid_is_not_told_how_to_view_one():
-    assert "draw_solid" not in words(page())
+    assert "draw_solid" not in words(page({"declared": None}))
 
 
 def test_a_view_that_is_damaged_costs_the_view_alone():

@@ -6,25 +6,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.artifacts import Declared, Fact
 from scaffold_pipeline.report.markup import text_of
 from scaffold_pipeline.report.wording import failed_gates
 
 State = Literal["passed", "failed", "not applied", "switched off"]
-
-WORDS = {
-    "manifold": "The surface is closed, with two triangles at each edge.",
-    "one_piece": "The solid is one piece without closed pores.",
-    "pores_connected": "The pores hang together.",
-    "interrupted": "Struts are whole and channels open in the file itself.",
-    "porosity": "The porosity is the one asked for.",
-    "certificate": "The iso-value lies in the window of the certificate.",
-    "struts_whole": "All struts are whole.",
-    "min_strut": "The thinnest strut is as thick as asked for.",
-    "min_throat": "The narrowest throat is as wide as asked for.",
-    "build_volume": "The solid fits into the printer.",
-}
-"""What is so where a gate is passed. One that is not here is told by its name."""
 
 _SIGNS: Mapping[State, str] = {
     "failed": "\u2717",
@@ -32,13 +18,10 @@ _SIGNS: Mapping[State, str] = {
     "not applied": "\u2013",
     "switched off": "\u2013",
 }
-_SWITCH = "gate_"
-_ON_REQUEST = ("min_strut", "min_throat", "build_volume")
-"""Gates that a value switches on."""
 
 
 @dataclass(frozen=True)
-class Gate:
+class JudgedGate:
     """A gate, what became of it, and what is to be said of that."""
 
     name: str
@@ -46,7 +29,7 @@ class Gate:
     about: str
 
 
-def list_gates(record: Mapping[str, Any], metrics: Mapping[str, Fact]) -> list[Gate]:
+def list_gates(record: Mapping[str, Any], metrics: Mapping[str, Fact], declared: Declared) -> list[JudgedGate]:
     """Return the gates of a run, those that failed first; none where nothing was judged."""
     quality = metrics.get("quality")
     failures = failed_gates(record.get("quality") if quality is None else quality)
@@ -56,27 +39,30 @@ def list_gates(record: Mapping[str, Any], metrics: Mapping[str, Fact]) -> list[G
     failed = [_gate(line, "failed") for line in failures]
     without = [_gate(str(line), "not applied") for line in (skipped if isinstance(skipped, list) else [])]
     told = {gate.name for gate in (*failed, *without)}
-    others = [gate for gate in _gates_by_parameters(record) if gate.name not in told]
+    others = [gate for gate in _gates_by_parameters(record, declared) if gate.name not in told]
     passed, off = ([gate for gate in others if gate.state == state] for state in ("passed", "switched off"))
     return [*failed, *passed, *without, *off]
 
 
-def _gate(line: str, state: State) -> Gate:
+def _gate(line: str, state: State) -> JudgedGate:
     """Return the gate that a line, `name: what; remedy`, is about."""
-    return Gate(line.partition(":")[0], state, line)
+    return JudgedGate(line.partition(":")[0], state, line)
 
 
-def _gates_by_parameters(record: Mapping[str, Any]) -> Iterator[Gate]:
-    """Yield the gates that the parameters of the judging stage name, as passed or switched off."""
-    judges = [stage for stage in record.get("stages") or () if "quality" in (stage.get("summary") or {})]
-    parameters = (judges[-1].get("parameters") or {}) if judges else {}
-    for key, value in parameters.items():
-        name = key.removeprefix(_SWITCH) if key.startswith(_SWITCH) else key if key in _ON_REQUEST else None
-        if name is not None and (key.startswith(_SWITCH) or value is not None):
-            yield Gate(name, "passed" if value else "switched off", WORDS.get(name, ""))
+def _gates_by_parameters(record: Mapping[str, Any], declared: Declared) -> Iterator[JudgedGate]:
+    """Yield the declared gates of the stages that judged, as passed or switched off by their parameters."""
+    parameters = {
+        stage.get("label"): stage.get("parameters") or {}
+        for stage in record.get("stages") or ()
+        if "quality" in (stage.get("summary") or {})
+    }
+    for label, gate in declared.gates:
+        value = parameters.get(label, {}).get(gate.switch)
+        if value is not None:
+            yield JudgedGate(gate.name, "passed" if value else "switched off", gate.passed)
 
 
-def gate_list(gates: list[Gate]) -> str:
+def gate_list(gates: list[JudgedGate]) -> str:
     """Return the gates as a list, each with a sign and a word for what became of it."""
     lines = "".join(
         f'<li class="{gate.state.replace(" ", "-")}"><span class="sign" aria-hidden="true">{_SIGNS[gate.state]}</span> '
@@ -86,7 +72,7 @@ def gate_list(gates: list[Gate]) -> str:
     return f'<ul class="gates">{lines}</ul>' if lines else ""
 
 
-def _said(gate: Gate) -> str:
+def _said(gate: JudgedGate) -> str:
     """Return what is to be said beside the name of the gate, which its line begins with."""
     about = gate.about.removeprefix(f"{gate.name}:").strip()
     return f": {text_of(about)}" if about else ""

@@ -13,8 +13,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.artifacts import Declared, Fact
 from scaffold_pipeline.report import reproducing
+from scaffold_pipeline.report.declared import declared_of
 from scaffold_pipeline.report.gates import gate_list, list_gates
 from scaffold_pipeline.report.markup import TABLES, Number, contents, document, folded, items, section, table, text_of
 from scaffold_pipeline.report.page_style import STYLE
@@ -32,7 +33,6 @@ _MOST_BUTTONS, _MOST_LISTED = 12, 200
 """Places of a finding that buttons lead to, and that are listed; the view marks more, `measures.json` has all."""
 
 _VIEWER = [Path(__file__).with_name(name) for name in ("painter.js", "viewer.js")]
-_PREVIEW = "preview.png"
 _WIDTH = re.compile(rb'<svg [^>]{0,100}\bwidth="([0-9]{1,6}(?:\.[0-9]{1,9})?)mm"')
 _TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 
@@ -40,16 +40,17 @@ _TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 def render_page(sources: Sources) -> str:
     """Return the page of a run. What is missing or None is left out or shown as a dash."""
     record, metrics = sources.record, sources.metrics
+    declared = declared_of(record)
     name = text_of(record.get("name"))
     findings = _mappings(sources.measures, "findings")
     view = _view(sources, findings, name)
     sections = {
-        "Sections": _sections(sources),
+        "Sections": _sections(sources, declared),
         "Places to look at": _findings(findings),
-        "Results": results(metrics),
+        "Results": results(metrics, declared),
         "Distributions": _plots(sources.measures),
         "Certificate": draw_window(metrics),
-        "Pictures": _pictures(sources),
+        "Pictures": _pictures(sources, declared),
         "Stages": _stages(list(record.get("stages") or ())),
         "Warnings": items(record.get("warnings") or ()),
         "Configuration": folded("Resolved configuration", _config(sources)),
@@ -58,7 +59,7 @@ def render_page(sources: Sources) -> str:
         "Run it again": reproducing.how_to_run(record),
         "How to cite": reproducing.how_to_cite(),
     }
-    parts = [_headline(record, name, metrics), contents(sections), _solid(sources, name), view]
+    parts = [_headline(record, metrics, declared), contents(sections), _solid(sources, name, declared), view]
     parts += [section(title, content) for title, content in sections.items()]
     scripts = [TABLES, *(_VIEWER if "view-data" in view else ())]
     script = "".join(path.read_text(encoding="utf-8") for path in scripts)
@@ -69,7 +70,7 @@ def _mappings(measures: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]
     return [entry for entry in measures.get(name) or () if isinstance(entry, Mapping)]
 
 
-def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact]) -> str:
+def _headline(record: Mapping[str, Any], metrics: Mapping[str, Fact], declared: Declared) -> str:
     quality = metrics.get("quality")
     gates = failed_gates(record.get("quality") if quality is None else quality)
     verdicts = {
@@ -88,25 +89,25 @@ def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact])
         )
     )
     return (
-        f'<header>\n<h1>{name}</h1>\n<p class="verdict {kind}">{verdict}</p>\n'
-        f"{gate_list(list_gates(record, metrics))}\n"
-        f'{highlights(metrics)}\n<p class="told">{told}</p>\n</header>'
+        f'<header>\n<h1>{text_of(record.get("name"))}</h1>\n<p class="verdict {kind}">{verdict}</p>\n'
+        f"{gate_list(list_gates(record, metrics, declared))}\n"
+        f'{highlights(metrics, declared)}\n<p class="told">{told}</p>\n</header>'
     )
 
 
-def _solid(sources: Sources, name: str) -> str:
+def _solid(sources: Sources, name: str, declared: Declared) -> str:
     """Return the picture of the solid, which stands where it cannot be turned: on paper, or without script."""
-    png = sources.pictures.get(_PREVIEW)
+    lead = next((file for file in sources.pictures if _place(file, declared) == "lead"), None)
     left_out = (
         f'<div class="none">Left out, as they are not the files that the run wrote: {items(sources.missing)}</div>'
     )
     picture = (
         '<p class="none instead">No picture was drawn.</p>'
-        if png is None
-        else _figure(_PREVIEW, png, f"The solid {name}", kind="instead")
+        if lead is None
+        else _figure(lead, sources.pictures[lead], f"The solid {name}", kind="instead")
     )
-    has_solid = any(stage.get("slot") == "solid" for stage in sources.record.get("stages") or ())
-    how = _HOW_TO_VIEW if has_solid and not sources.view else ""
+    viewers = " or ".join(f"<code>{text_of(name)}</code>" for name in declared.viewers)
+    how = _HOW_TO_VIEW.format(viewers) if viewers and not sources.view else ""
     return picture + how + (left_out if sources.missing else "")
 
 
@@ -131,20 +132,33 @@ def _view(sources: Sources, findings: list[Mapping[str, Any]], name: str) -> str
         return f'<p class="none">The 3-D view is left out: view.npz {text_of(error)}.</p>'
 
 
-def _sections(sources: Sources) -> str:
+def _place(file: str, declared: Declared) -> str:
+    """Return where a picture is shown; with the others where no stage declares it."""
+    drawing = declared.drawing(file)
+    return "picture" if drawing is None else drawing.place
+
+
+def _sections(sources: Sources, declared: Declared) -> str:
+    drawn = {file: found for file in sources.pictures if (found := declared.drawing(file)) and found.place == "section"}
     figures = [
         _figure(
-            name, sources.pictures[name], f"{_SECTION.format(axis=axis)}: {_SEEN}", caption=_SECTION.format(axis=axis)
+            file,
+            sources.pictures[file],
+            text_of(f"{drawing.title}: {drawing.meaning}"),
+            caption=text_of(drawing.title),
         )
-        for axis in "xyz"
-        if (name := f"section_{axis}.svg") in sources.pictures
+        for file, drawing in drawn.items()
     ]
-    return f'<p class="meaning">{_SEEN}</p>\n<div class="sections">{"".join(figures)}</div>' if figures else ""
+    hints = "".join(
+        f'<p class="meaning">{text_of(meaning)}</p>\n'
+        for meaning in dict.fromkeys(drawing.meaning for drawing in drawn.values())
+    )
+    return f'{hints}<div class="sections">{"".join(figures)}</div>' if figures else ""
 
 
-def _pictures(sources: Sources) -> str:
-    others = [name for name in sources.pictures if name != _PREVIEW and not name.startswith("section_")]
-    return "".join(_figure(name, sources.pictures[name], text_of(name), caption=text_of(name)) for name in others)
+def _pictures(sources: Sources, declared: Declared) -> str:
+    others = [file for file in sources.pictures if _place(file, declared) == "picture"]
+    return "".join(_figure(file, sources.pictures[file], text_of(file), caption=text_of(file)) for file in others)
 
 
 def _plots(measures: Mapping[str, Any]) -> str:
@@ -262,8 +276,4 @@ def _codes(facts: Iterable[tuple[object, object]]) -> str:
     return table((), ((text_of(key), f"<code>{text_of(value)}</code>") for key, value in facts), "facts")
 
 
-_SECTION = "Section across {axis}"
-_SEEN = "The solid is filled, the outer shape a line; axes, place and scale stand below each."
-_HOW_TO_VIEW = (
-    '<p class="none">There is no 3-D view: the stage <code>draw_solid</code>, last in a config, makes one.</p>\n'
-)
+_HOW_TO_VIEW = '<p class="none">There is no 3-D view: the stage {}, last in a config, makes one.</p>\n'

@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import quote
 
+from scaffold_pipeline.artifacts import Declared
+from scaffold_pipeline.report.declared import declared_here, stages_that_draw
 from scaffold_pipeline.report.markup import TABLES, document, harmless_json, section, table, text_of
 from scaffold_pipeline.report.wording import failed_gates, to_name, to_text
 from scaffold_pipeline.run.store import write_atomically
@@ -55,6 +57,7 @@ class Card:
 
     state: PointState
     caption: str
+    declared: Declared
 
     @property
     def verdict(self) -> str:
@@ -67,7 +70,8 @@ class Card:
     @property
     def told(self) -> str:
         """What was measured and what became of the point, in words; the table has the whole of each gate."""
-        facts = {key: self.state.metrics.get(key) for key in ("porosity", "iso")}
+        metrics = self.state.metrics
+        facts = {metric.key: metrics[metric.key] for metric in self.declared.shown_in("caption", metrics)}
         ends = {
             "pass": "quality pass",
             "fail": f"quality gates failed: {', '.join(gate.partition(':')[0] for gate in self.state.gates)}",
@@ -83,28 +87,35 @@ def write_page(out: Path, study: Study, states: Sequence[PointState], points: st
     Without any picture there is no sheet.
     """
     captions = {point.name: point.caption for point in study.points}
-    cards = [Card(state, captions[state.name]) for state in states]
+    declared = declared_here()
+    cards = [Card(state, captions[state.name], declared) for state in states]
     shown: list[str] = []
     cells: list[Cell] = []
     has_pictures = False
     for card in cards:
-        pictures = _pictures(card.state, out / points / card.state.name)
+        pictures = _pictures(card, out / points / card.state.name)
         shown.append(_card(card, pictures, f"{points}/{quote(card.state.name)}"))
         has_pictures |= bool(pictures)
         if len(cells) < MOST_ON_SHEET:
             cells.append(_cell(card, pictures))
     has_sheet = _write_sheet(out / SHEET, study.name, cells, len(cards))
-    intro = _SHEET_LINK if has_sheet else "" if has_pictures else _NO_PICTURES
+    intro = _SHEET_LINK if has_sheet else "" if has_pictures else _what_draws()
     is_told = has_pictures or any(captions.values())
     page = _page(study, cards, intro + (f'<div class="cards">\n{"".join(shown)}\n</div>' if is_told else ""))
     write_atomically(out / PAGE, lambda stream: stream.write(page.encode()))
 
 
-def _pictures(state: PointState, folder: Path) -> dict[str, Image | None]:
+def _pictures(card: Card, folder: Path) -> dict[str, Image | None]:
     """Return the pictures among the files of a run, made small; None for one that cannot be read."""
     from scaffold_pipeline.report.contact_sheet import in_order, thumbnail
 
-    return {name: thumbnail(folder / name) for name in in_order(list(state.record.get("files", ())))}
+    names = in_order(list(card.state.record.get("files", ())), card.declared.drawings)
+    return {name: thumbnail(folder / name) for name in names}
+
+
+def _what_draws() -> str:
+    names = ", ".join(f"<code>{text_of(name)}</code>" for name in stages_that_draw(".png"))
+    return f'<p class="none">No picture was drawn: the stages {names} draw them.</p>\n'
 
 
 def _cell(card: Card, pictures: Mapping[str, Image | None]) -> Cell:
@@ -135,7 +146,7 @@ def _page(study: Study, cards: Sequence[Card], contact_sheet: str) -> str:
         section("Contact sheet", contact_sheet),
         section("Table", _table(titles, rows)),
         _PLOT,
-        _data(titles, len(study.columns), rows),
+        _data(titles, study, rows, cards),
     )
     script = TABLES.read_text(encoding="utf-8") + _SCRIPT.read_text(encoding="utf-8")
     return document(study.name, sections, style=_STYLE, script=script)
@@ -202,17 +213,14 @@ def _shown(value: object) -> str:
     return escape(text) if len(text) <= _LONG else f'<div class="long">{escape(text)}</div>'
 
 
-def _data(titles: Sequence[str], varied: int, rows: Sequence[Sequence[object]]) -> str:
-    """Return the table for the script."""
+def _data(titles: Sequence[str], study: Study, rows: Sequence[Sequence[object]], cards: Sequence[Card]) -> str:
+    """Return the table for the script, and what it plots first."""
+    first = next((metric.key for card in cards for metric in card.declared.shown_in("caption", titles)), "")
     plain = [[value if isinstance(value, int | float | None) else to_cell(value) for value in row] for row in rows]
-    return harmless_json("data", {"titles": titles, "varied": varied, "rows": plain})
+    return harmless_json("data", {"titles": titles, "varied": len(study.columns), "rows": plain, "first": first})
 
 
 _SHEET_LINK = f'<p class="meaning">As one picture: <a href="{SHEET}">{SHEET}</a></p>\n'
-_NO_PICTURES = (
-    '<p class="none">No picture was drawn: the stages <code>draw_mesh</code>, <code>write_solid</code> and '
-    "<code>write_contour</code> draw them.</p>\n"
-)
 _TABLE_INTRO = (
     f'<p class="meaning">For other programs: <a href="{TABLE}">{TABLE}</a></p>\n'
     '<p id="filter" hidden><label>Points with the words <input type="search"></label> '
