@@ -11,14 +11,21 @@ from pydantic import Field
 from scaffold_geometry.arrays import Floats
 from scaffold_geometry.measures import morphometry as of_voxels
 from scaffold_geometry.measures import struts_and_throats
-from scaffold_geometry.measures.declarations import AREA, COMPUTED, GATES_NOT_APPLIED, PORES, POROSITY, SIZE
+from scaffold_geometry.measures.declarations import (
+    AREA,
+    COMPUTED,
+    GATES_NOT_APPLIED,
+    PORES,
+    POROSITY,
+    SIZE,
+    place_facts,
+)
 from scaffold_geometry.measures.facts import (
     CONNECTIVITY_METRICS,
     SURFACE_METRICS,
     TRANSPORT_METRICS,
     connectivity_facts,
     surface_facts,
-    to_place,
     transport_facts,
 )
 from scaffold_geometry.measures.gates import GATES, GateParams, failed_gates, gates_not_applied, to_number
@@ -90,7 +97,7 @@ class MeasureParams(GateParams):
 
 @stage(
     writes="metrics",
-    version=9,
+    version=10,
     libraries=("edt", "libigl", "llvmlite", "numba", "pyamg", "scipy"),
     metrics=METRICS,
     gates=GATES,
@@ -218,9 +225,9 @@ def _thickness_facts(
     throat = narrowest_throat(skeleton, solid, shape, skin)
     return {
         "thinnest_strut_mm": strut.diameter if strut else None,
-        "thinnest_strut_at": to_place(strut.place) if strut else None,
+        **place_facts("thinnest_strut", strut.place if strut else None),
         "struts_interrupted": strut.interrupted if strut else None,
         "narrowest_throat_mm": throat.diameter if throat else None,
-        "narrowest_throat_at": to_place(throat.place) if throat else None,
+        **place_facts("narrowest_throat", throat.place if throat else None),
         "channels_interrupted": throat.interrupted if throat else None,
     }

@@ -73,6 +73,42 @@ def test_metrics_come_in_the_order_of_their_declarations_and_others_after_them(
     assert keys == ["curvature_most", "count", "quality", "seconds", "peak_memory_bytes", "aaa", "zzz"]
 
 
+PLACE = """
+    from scaffold_pipeline.artifacts import Metric, Metrics
+    from scaffold_pipeline.stages.contract import Params, stage
+
+    PLACES = (Metric("needle_place", "mm", "Place", "Where it is.", "Shape"),
+              Metric("needle_at", "mm", "Place", "Where it is.", "Shape", instead="needle_place"))
+
+    class PlaceParams(Params):
+        x: float = 0.5
+        "Where."
+
+    @stage(writes="metrics", version=1, metrics=PLACES)
+    def place(*, params: PlaceParams) -> Metrics:
+        "Measure."
+        return Metrics({"needle_place": [params.x, -1.25, 3.0], "needle_at": "0.5, -1.25, 3"}, has_gates=False)
+    """
+
+
+def test_a_place_is_three_numbers_in_files_tables_comparisons_and_on_the_page(
+    project: Project, install: Callable[..., None]
+):
+    install("places", PLACE, "place")
+    out = run(project, "stages: [{use: place}]")
+    assert json.loads((out / "metrics.json").read_text())["needle_place"] == [0.5, -1.25, 3.0]
+    text = words(out / "report.html")
+    assert "Place 0.5, -1.25, 3 mm Where it is." in text.replace("\u202f", " ")
+    assert "needle_place" in text
+    assert "needle_at" not in text
+    project.write("base: config.yaml\nvary: {place.x: [0.5, 2.0]}", "study.yaml")
+    assert project.command("study", "study.yaml", "--yes").code == 0
+    lines = Path("studies/study/table.csv").read_text().splitlines()
+    assert ['"[2.0, -1.25, 3.0]"' in line for line in lines] == [False, False, True]
+    points = sorted(Path("studies/study/points").iterdir())
+    assert "needle_place: [0.5, -1.25, 3.0] | [2.0, -1.25, 3.0]" in project.command("compare", *points).out
+
+
 def test_the_page_needs_no_installed_stage_but_the_record(project: Project, install: Callable[..., None]):
     install("curves", THIRD_PARTY, "curve")
     out = run(project)

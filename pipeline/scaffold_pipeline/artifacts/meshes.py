@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from scaffold_pipeline.artifacts.cells import CELL_TYPES, cell_measures, edges_of_cells, mesh_faults
 from scaffold_pipeline.errors import StageError
 
-Fact: TypeAlias = str | int | float | bool | list[str] | None
-"""What a summary, a record or `metrics.json` may hold under one key."""
+Fact: TypeAlias = str | int | float | bool | list[str] | list[float] | None
+"""What a summary, a record or `metrics.json` may hold under one key; a place or a direction is three numbers."""
 
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]

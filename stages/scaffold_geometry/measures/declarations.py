@@ -1,8 +1,11 @@
-"""What several measuring stages tell under the same keys, declared once."""
+"""What several measuring stages tell under the same keys, declared once, and how places are told."""
 
 from __future__ import annotations
 
-from scaffold_pipeline.artifacts import Metric
+from dataclasses import replace
+
+from scaffold_geometry.arrays import Floats
+from scaffold_pipeline.artifacts import Fact, Metric
 
 _VOLUMES = "volumes of the triangles: exact"
 AREAS = "areas of the triangles: exact; the pores' part is what does not lie on the outer shape"
@@ -102,3 +105,27 @@ COMPUTED = (
 """What the field was computed with."""
 
 GATES_NOT_APPLIED = Metric("gates_not_applied", "", "Gates not applied", "Those that had nothing to judge.", "")
+
+
+def place_metrics(name: str, title: str, meaning: str, method: str) -> tuple[Metric, Metric]:
+    """Return the declarations of a place: three numbers under `NAME_place`, and the text under `NAME_at` as it was."""
+    place = Metric(f"{name}_place", "mm", title, meaning, "", method=method)
+    return place, replace(place, key=f"{name}_at", instead=place.key)
+
+
+def place_facts(name: str, place: Floats | None) -> dict[str, Fact]:
+    """Return a place (3,), mm, under both of its keys."""
+    return {
+        f"{name}_place": None if place is None else place.tolist(),
+        f"{name}_at": None if place is None else to_place(place),
+    }
+
+
+def to_place(point: Floats) -> str:
+    """Return a place (3,), mm, or a direction in words.
+
+    >>> import numpy as np
+    >>> to_place(np.array([1.0, 2.34567, -3.0]))
+    '1, 2.346, -3'
+    """
+    return ", ".join(f"{coordinate:.4g}" for coordinate in point)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from scaffold_geometry.arrays import Floats, Ints
-from scaffold_geometry.measures.declarations import AREAS
+from scaffold_geometry.arrays import Ints
+from scaffold_geometry.measures.declarations import AREAS, to_place
 from scaffold_geometry.voxels.image import VoxelImage
 from scaffold_pipeline.artifacts import Fact, Metric, SurfaceMesh
 
@@ -45,6 +46,15 @@ CONNECTIVITY_METRICS = (
 """What `connectivity_facts` tells."""
 
 _FABRIC = "mean intercept length of the pores' walls, from the triangles: 0.003"
+
+ANISOTROPY_DIRECTION = Metric(
+    "anisotropy_direction",
+    "",
+    "Direction of anisotropy",
+    "Along which struts run most: x, y and z of a vector of length 1.",
+    "Connectivity",
+    method=_FABRIC,
+)
 
 SURFACE_METRICS = (
     Metric(
@@ -98,9 +108,8 @@ SURFACE_METRICS = (
         "",
         method=_FABRIC,
     ),
-    Metric(
-        "anisotropy_axis", "", "Direction of anisotropy", "Along which struts run most.", "Connectivity", method=_FABRIC
-    ),
+    ANISOTROPY_DIRECTION,
+    replace(ANISOTROPY_DIRECTION, key="anisotropy_axis", instead="anisotropy_direction"),
     Metric(
         "intercept_length_{which}",
         "mm",
@@ -143,7 +152,9 @@ TRANSPORT_METRICS = (
         "",
         method=_LAPLACE,
     ),
-    Metric("diffusion_box", "mm", "Box of the diffusion", "From corner to corner.", ""),
+    Metric("diffusion_box_low", "mm", "Box of the diffusion, least corner", "The largest in the outer shape.", ""),
+    Metric("diffusion_box_high", "mm", "Box of the diffusion, greatest corner", "The largest in the outer shape.", ""),
+    Metric("diffusion_box", "mm", "Box of the diffusion", "From corner to corner.", "", instead="diffusion_box_low"),
     Metric("diffusion_box_share", "", "Share of the diffusion's box", "Of the outer shape's volume.", ""),
     Metric("diffusion_voxel_size", "mm", "Voxel size of the diffusion", "Edge of the cells computed with.", ""),
 )
@@ -181,6 +192,7 @@ def surface_facts(solid: SurfaceMesh, outer: SurfaceMesh, on_outer: float) -> di
         "pore_surface_per_total_per_mm": found.pore_surface_per_tv,
         "anisotropy_degree": fabric.degree if fabric else None,
         "anisotropy_ratio": _finite(fabric.ratio) if fabric else None,
+        "anisotropy_direction": fabric.axes[0].tolist() if fabric else None,
         "anisotropy_axis": to_place(fabric.axes[0]) if fabric else None,
         "intercept_length_longest": _finite(float(fabric.lengths[0])) if fabric else None,
         "intercept_length_shortest": _finite(float(fabric.lengths[2])) if fabric else None,
@@ -193,9 +205,11 @@ def transport_facts(image: VoxelImage) -> dict[str, Fact]:
 
     found = transport(image)
     if found is None:
-        return {"diffusion_box": None}
+        return {"diffusion_box_low": None, "diffusion_box_high": None, "diffusion_box": None}
     low, high = found.bounds
     values: dict[str, Fact] = {
+        "diffusion_box_low": low.tolist(),
+        "diffusion_box_high": high.tolist(),
         "diffusion_box": f"{to_place(low)} to {to_place(high)}",
         "diffusion_box_share": found.box_share,
         "diffusion_voxel_size": found.voxel_size,
@@ -205,16 +219,6 @@ def transport_facts(image: VoxelImage) -> dict[str, Fact]:
         values[f"relative_diffusivity_{axis}_error"] = along.voxel_error
         values[f"tortuosity_{axis}"] = along.tortuosity
     return values
-
-
-def to_place(point: Floats) -> str:
-    """Return a place (3,), mm, or a direction as a fact.
-
-    >>> import numpy as np
-    >>> to_place(np.array([1.0, 2.34567, -3.0]))
-    '1, 2.346, -3'
-    """
-    return ", ".join(f"{coordinate:.4g}" for coordinate in point)
 
 
 def _finite(length: float) -> float | None:

@@ -14,7 +14,7 @@ import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints, Singles
 from scaffold_geometry.measures.accessibility import Accessibility, accessibility, reachable_share
-from scaffold_geometry.measures.facts import to_place
+from scaffold_geometry.measures.declarations import place_facts, place_metrics, to_place
 from scaffold_geometry.measures.local_thickness import (
     LEAST_RESOLVED,
     PERCENTILES,
@@ -98,13 +98,8 @@ METRICS = (
         "Pores",
         method=_WAYS,
     ),
-    Metric(
-        "throat_{share}_at",
-        "mm",
-        "Place of the throat to {share} % of the pores",
-        "The neck that holds up a larger ball.",
-        "",
-        method=_WAYS,
+    *place_metrics(
+        "throat_{share}", "Place of the throat to {share} % of the pores", "The neck that holds up a wider ball.", _WAYS
     ),
     Metric(
         "accessible_to_{probe}_mm",
@@ -227,7 +222,7 @@ def _ways_facts(ways: Accessibility, probes: Sequence[float]) -> dict[str, Fact]
     values: dict[str, Fact] = {}
     for throat in ways.throats:
         name = f"throat_{100 * throat.share:g}"
-        values |= {name: throat.diameter, f"{name}_at": None if throat.place is None else to_place(throat.place)}
+        values |= {name: throat.diameter, **place_facts(name, throat.place)}
     for probe, share in zip(probes, reachable_share(ways, np.array(probes, float)).tolist(), strict=True):
         values[f"accessible_to_{probe:g}_mm"] = share
     return values

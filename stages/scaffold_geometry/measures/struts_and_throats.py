@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.measures.declarations import place_metrics
 from scaffold_pipeline.artifacts import Metric
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ METRICS = (
         "Struts",
         method=_HOW,
     ),
-    Metric("thinnest_strut_at", "mm", "Place of the thinnest strut", "Where its middle is.", "", method=_HOW),
+    *place_metrics("thinnest_strut", "Place of the thinnest strut", "The middle of that ball.", _HOW),
     Metric(
         "struts_interrupted",
         "",
@@ -41,7 +42,7 @@ METRICS = (
         "Pores",
         method=_HOW,
     ),
-    Metric("narrowest_throat_at", "mm", "Place of the narrowest throat", "Where its middle is.", "", method=_HOW),
+    *place_metrics("narrowest_throat", "Place of the narrowest throat", "The middle of that ball.", _HOW),
     Metric(
         "channels_interrupted",
         "",

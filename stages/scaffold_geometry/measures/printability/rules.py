@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from scaffold_geometry.arrays import Floats
+from scaffold_geometry.measures.declarations import place_metrics
 from scaffold_pipeline.artifacts import Fact, Finding, Metric
 from scaffold_pipeline.stages.contract import Millimetres, Params, Unit
 
@@ -18,7 +19,7 @@ _SECTION = "Printability"
 
 METRICS = (
     Metric("thinnest_wall_mm", "mm", "Thinnest wall", "Of all walls that the surface shows.", _SECTION, method=_RULES),
-    Metric("thinnest_wall_at", "mm", "Place of the thinnest wall", "Its middle.", "", method=_RULES),
+    *place_metrics("thinnest_wall", "Place of the thinnest wall", "Its middle.", _RULES),
     Metric("wall_percentile_5_mm", "mm", "Walls, 5th percentile", "A twentieth of all walls is thinner.", ""),
     Metric("thin_wall_fraction", "", "Share of thin walls", "Of the surface, below what was asked for.", ""),
     Metric(
