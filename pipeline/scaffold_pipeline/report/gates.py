@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from scaffold_pipeline.artifacts import Declared, Fact
-from scaffold_pipeline.report.markup import text_of
 from scaffold_pipeline.report.wording import failed_gates
 
 State = Literal["passed", "failed", "not applied", "switched off"]
@@ -22,11 +21,26 @@ _SIGNS: Mapping[State, str] = {
 
 @dataclass(frozen=True)
 class JudgedGate:
-    """A gate, what became of it, and what is to be said of that."""
+    """A gate, what became of it, and what is to be said of that; its line may begin with its name."""
 
     name: str
     state: State
     about: str
+
+    @property
+    def title(self) -> str:
+        """Its name for people."""
+        return self.name.replace("_", " ")
+
+    @property
+    def sign(self) -> str:
+        """A sign for what became of it."""
+        return _SIGNS[self.state]
+
+    @property
+    def words(self) -> str:
+        """What is to be said beside its name."""
+        return self.about.removeprefix(f"{self.name}:").strip()
 
 
 def list_gates(record: Mapping[str, Any], metrics: Mapping[str, Fact], declared: Declared) -> list[JudgedGate]:
@@ -38,8 +52,8 @@ def list_gates(record: Mapping[str, Any], metrics: Mapping[str, Fact], declared:
     skipped = metrics.get("gates_not_applied")
     failed = [_gate(line, "failed") for line in failures]
     without = [_gate(str(line), "not applied") for line in (skipped if isinstance(skipped, list) else [])]
-    told = {gate.name for gate in (*failed, *without)}
-    others = [gate for gate in _gates_by_parameters(record, declared) if gate.name not in told]
+    named = {gate.name for gate in (*failed, *without)}
+    others = [gate for gate in _gates_by_parameters(record, declared) if gate.name not in named]
     passed, off = ([gate for gate in others if gate.state == state] for state in ("passed", "switched off"))
     return [*failed, *passed, *without, *off]
 
@@ -60,19 +74,3 @@ def _gates_by_parameters(record: Mapping[str, Any], declared: Declared) -> Itera
         value = parameters.get(label, {}).get(gate.switch)
         if value is not None:
             yield JudgedGate(gate.name, "passed" if value else "switched off", gate.passed)
-
-
-def gate_list(gates: list[JudgedGate]) -> str:
-    """Return the gates as a list, each with a sign and a word for what became of it."""
-    lines = "".join(
-        f'<li class="{gate.state.replace(" ", "-")}"><span class="sign" aria-hidden="true">{_SIGNS[gate.state]}</span> '
-        f"<strong>{text_of(gate.name.replace('_', ' '))}</strong> {gate.state}{_said(gate)}</li>"
-        for gate in gates
-    )
-    return f'<ul class="gates">{lines}</ul>' if lines else ""
-
-
-def _said(gate: JudgedGate) -> str:
-    """Return what is to be said beside the name of the gate, which its line begins with."""
-    about = gate.about.removeprefix(f"{gate.name}:").strip()
-    return f": {text_of(about)}" if about else ""

@@ -2,51 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 from scaffold_pipeline.artifacts import Declared, Fact, Metric
-from scaffold_pipeline.report.markup import Number, folded, table, text_of
+from scaffold_pipeline.report.rendering import Cell
+from scaffold_pipeline.report.wording import to_text
 
 
-def highlights(metrics: Mapping[str, Fact], declared: Declared) -> str:
-    """Return the metrics that tell most in large type."""
-    known = [metric for metric in declared.shown_in("headline", metrics) if metrics[metric.key] is not None]
-    cards = "".join(
-        f"<div><dt>{text_of(metric.title)}</dt><dd>{value_of(metric, metrics)}</dd></div>" for metric in known
-    )
-    return f'<dl class="highlights">{cards}</dl>' if cards else ""
+class Line(NamedTuple):
+    """A metric: its name, its value with its unit, and what it means."""
+
+    title: str
+    value: str
+    meaning: str
 
 
-def results(metrics: Mapping[str, Fact], declared: Declared) -> str:
-    """Return the tables of what was measured, and all of `metrics.json` folded."""
-    named = {key: declared.metric(key) for key in sorted(metrics, key=declared.rank)}
-    known = [metric for metric in named.values() if metric and not metric.instead]
-    parts = []
-    for section in dict.fromkeys(metric.section for metric in known if metric.section):
-        rows = [
-            (
-                text_of(metric.title),
-                value_of(metric, metrics),
-                f'<span class="meaning">{text_of(metric.meaning)}</span>',
-            )
-            for metric in known
-            if metric.section == section and metrics[metric.key] is not None
-        ]
-        parts.append(f"<h3>{text_of(section)}</h3>\n{table((), rows, 'results')}" if rows else "")
-    every = (
-        (f"<code>{text_of(key)}</code>", _sortable(metrics[key]))
-        for key, metric in named.items()
-        if not (metric and metric.instead)
-    )
-    return "\n".join(filter(None, parts)) + folded("All metrics", table(("Key", "Value"), every, "facts sortable"))
+class Group(NamedTuple):
+    """The metrics under a heading."""
+
+    title: str
+    lines: list[Line]
 
 
-def value_of(metric: Metric, metrics: Mapping[str, Fact]) -> str:
-    """Return a metric with its unit, escaped."""
-    value = text_of(metrics.get(metric.key))
-    return f"{value}\u202f{text_of(metric.unit)}" if metric.unit else value
+def headline(metrics: Mapping[str, Fact], declared: Declared) -> list[Line]:
+    """Return the metrics that tell most."""
+    return [
+        _line(metric, metrics) for metric in declared.shown_in("headline", metrics) if metrics[metric.key] is not None
+    ]
 
 
-def _sortable(value: Fact) -> str | Number:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return Number(text_of(value), float(value)) if is_number else text_of(value)  # type: ignore[arg-type]
+def group_results(metrics: Mapping[str, Fact], declared: Declared) -> list[Group]:
+    """Return what was measured, by heading; what is None is left out, and what other keys tell."""
+    groups: dict[str, list[Line]] = {}
+    for key in sorted(current_keys(metrics, declared), key=declared.rank):
+        metric = declared.metric(key)
+        if metric and metric.section and metrics[key] is not None:
+            groups.setdefault(metric.section, []).append(_line(metric, metrics))
+    return [Group(title, lines) for title, lines in groups.items()]
+
+
+def list_metrics(metrics: Mapping[str, Fact], declared: Declared) -> list[tuple[str, str | Cell]]:
+    """Return all of `metrics.json` but what other keys tell, in the order of the declarations."""
+    keys = sorted(current_keys(metrics, declared), key=declared.rank)
+    return [(key, to_cell(metrics[key])) for key in keys]
+
+
+def current_keys(facts: Mapping[str, Any], declared: Declared) -> Iterator[str]:
+    """Yield the keys of facts but for deprecated ones whose replacement is there too: older runs have the old alone."""
+    for key in facts:
+        metric = declared.metric(key)
+        if metric is None or metric.instead not in facts:
+            yield key
+
+
+def to_cell(value: Fact) -> str | Cell:
+    """Return a value as a cell of a table that sorts by number."""
+    text = to_text(value)
+    return Cell(text, float(value)) if isinstance(value, int | float) and not isinstance(value, bool) else text
+
+
+def _line(metric: Metric, metrics: Mapping[str, Fact]) -> Line:
+    value = to_text(metrics[metric.key])
+    return Line(metric.title, f"{value}\u202f{metric.unit}" if metric.unit else value, metric.meaning)
