@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, Literal, Self, TypeVar
 
 _GAP = re.compile(r"\{(\w+)\}")
@@ -119,8 +119,8 @@ class Drawing:
     meaning
         What it shows, for those who do not see it and as a hint above; may be empty.
     place
-        `lead`: the picture that stands for the solid at the top of the page; `view`: what the 3-D view is made of;
-        `section`: beside others to one scale; `picture`: with all others.
+        `lead`: the picture that stands for the solid at the top of the page; `view`: what the 3-D view is made of, as
+        `scaffold_pipeline.report.view.View` says; `section`: beside others to one scale; `picture`: with all others.
     """
 
     file: str
@@ -150,17 +150,27 @@ class Declared:
 
     def metric(self, key: str) -> Metric | None:
         """Return the declaration of a metric, its gaps filled; None for a key that none declares."""
-        fitting = [(metric.own_text, found) for metric in self.metrics if (found := metric.at(key)) is not None]
-        return max(fitting, key=lambda pair: pair[0])[1] if fitting else None
+        return self._find(key)[1]
+
+    def rank(self, key: str) -> int:
+        """Return where a key stands among all: in the order of the declarations, those that none declares last."""
+        return self._find(key)[0]
+
+    def _find(self, key: str) -> tuple[int, Metric | None]:
+        if key not in self._found:
+            fitting = [(number, at) for number, metric in enumerate(self.metrics) if (at := metric.at(key)) is not None]
+            best = max(fitting, key=lambda pair: self.metrics[pair[0]].own_text, default=(len(self.metrics), None))
+            self._found[key] = best
+        return self._found[key]
+
+    @cached_property
+    def _found(self) -> dict[str, tuple[int, Metric | None]]:
+        """What was found of each key so far: the points of a study have the same keys."""
+        return {}
 
     def drawing(self, file: str) -> Drawing | None:
         """Return the declaration of a drawing, its gaps filled; None for a file that none declares."""
         return next((found for drawing in self.drawings if (found := drawing.at(file)) is not None), None)
-
-    def rank(self, key: str) -> int:
-        """Return where a key stands among all: in the order of the declarations, those that none declares last."""
-        fitting = [(-metric.own_text, number) for number, metric in enumerate(self.metrics) if metric.at(key)]
-        return min(fitting)[1] if fitting else len(self.metrics)
 
     def shown_in(self, place: str, keys: Iterable[str]) -> list[Metric]:
         """Return the metrics of those keys that are shown in a place, in the order of the declarations."""

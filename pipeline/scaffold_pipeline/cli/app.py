@@ -147,14 +147,9 @@ def stages(name: str | None = None, *, markdown: bool = False, metrics: bool = F
     metrics
         Print the README's table of what is measured, and how.
     """
-    from scaffold_pipeline.stages.catalogue import (
-        describe,
-        installed_stages,
-        markdown_table,
-        metrics_table,
-        require_stage,
-    )
+    from scaffold_pipeline.stages.catalogue import describe, markdown_table, metrics_table, require_stage
     from scaffold_pipeline.stages.contract import Stage
+    from scaffold_pipeline.stages.registry import installed_stages
 
     if name is not None:
         print(describe(require_stage(name)))

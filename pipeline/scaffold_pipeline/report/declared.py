@@ -8,9 +8,8 @@ from typing import Any
 
 from scaffold_pipeline.artifacts import Declared, Fact, Metric, Metrics
 from scaffold_pipeline.errors import StageDefinitionError
-from scaffold_pipeline.stages.catalogue import installed_stages
 from scaffold_pipeline.stages.contract import Stage
-from scaffold_pipeline.stages.registry import load_stage
+from scaffold_pipeline.stages.registry import installed_stages, load_stage
 
 DECLARED = "declared"
 """The key of the record under which the declarations stand."""

@@ -34,7 +34,7 @@ def render_page(sources: Sources) -> str:
     """Return the page of a run. What is missing or None is left out or shown as a dash."""
     record, metrics, declared = sources.record, sources.metrics, declared_of(sources.record)
     findings = _mappings(sources.measures, "findings")
-    view, view_fault = _view(sources, findings)
+    view, view_fault = _view(sources, findings, declared)
     return render(
         "run.html.j2",
         styles=_STYLES,
@@ -121,14 +121,15 @@ def _figure(sources: Sources, file: str, about: str, caption: str = "") -> Figur
     return Figure(to_data_uri(_TYPES[file[-4:]], content), about, caption, float(width[1]) if width else None)
 
 
-def _view(sources: Sources, findings: list[Mapping[str, Any]]) -> tuple[DrawnView | None, str]:
+def _view(sources: Sources, findings: list[Mapping[str, Any]], declared: Declared) -> tuple[DrawnView | None, str]:
     """Return the 3-D view, if there is one, or what is wrong with it."""
     if sources.view is None:
         return None, ""
     try:
         return draw_view(read_view(sources.view), findings), ""
     except ValueError as error:
-        return None, f"view.npz {error}"
+        file = next((drawing.file for drawing in declared.drawings if drawing.place == "view"), "its file")
+        return None, f"{file} {error}"
 
 
 def _charts(measures: Mapping[str, Any]) -> Iterator[object]:

@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 from scaffold_pipeline.artifacts import Metric
-from scaffold_pipeline.errors import ConfigError, Fault, StageDefinitionError
+from scaffold_pipeline.errors import ConfigError, Fault
 from scaffold_pipeline.stages.contract import Follows, Stage, Unit
-from scaffold_pipeline.stages.registry import load_stage, stage_names
-
-
-def installed_stages() -> Iterator[Stage | StageDefinitionError]:
-    """Yield every installed stage by name, or the error that keeps one from being loaded."""
-    for name in stage_names():
-        try:
-            yield load_stage(name)
-        except StageDefinitionError as error:
-            yield error
+from scaffold_pipeline.stages.registry import installed_stages, load_stage
 
 
 def require_stage(name: str) -> Stage:
