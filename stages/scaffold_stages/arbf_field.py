@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scaffold_geometry.arrays import Floats
+from scaffold_geometry.fields import interpolation
 from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolate
 from scaffold_geometry.fields.mesh_field import MeshField, sample_mesh_field
 from scaffold_geometry.fields.sampling import SamplingParams, Voxels
-from scaffold_pipeline.artifacts import CellMesh, Fact, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import CellMesh, Fact, Metric, OuterShape, ScalarField
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import Unit, stage
 
@@ -91,7 +92,14 @@ class ArbfFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=7)
+METRICS = (
+    *interpolation.METRICS,
+    Metric("local_support", "mm", "Support", "How far an element reaches, at most.", ""),
+)
+"""What the field's facts are."""
+
+
+@stage(writes="field", version=7, metrics=METRICS)
 def arbf_field(
     mesh: CellMesh, outer: OuterShape | None = None, *, params: ArbfFieldParams, executor: Executor | None = None
 ) -> ScalarField:

@@ -8,7 +8,7 @@ import numpy as np
 
 from scaffold_geometry.drawing.renders import draw_in_child, draw_segments
 from scaffold_geometry.fields.skeleton import skeleton_of
-from scaffold_pipeline.artifacts import CellMesh, WrittenFiles
+from scaffold_pipeline.artifacts import CellMesh, Drawing, WrittenFiles
 from scaffold_pipeline.stages.contract import Params, stage
 
 
@@ -19,7 +19,10 @@ class DrawMeshParams(Params):
     """Whether the channels, cell centre to face centre, are drawn too, thinner and in blue."""
 
 
-@stage(writes="mesh_picture", version=1)
+DRAWINGS = (Drawing("mesh.png", "Mesh", "Struts along the edges of the mesh, channels from cell to cell."),)
+
+
+@stage(writes="mesh_picture", version=1, drawings=DRAWINGS)
 def draw_mesh(mesh: CellMesh, *, params: DrawMeshParams, out: Path) -> WrittenFiles:
     """Draw the edges of a mesh, and its channels, as `mesh.png`, in the view that `preview.png` has."""
     skeleton = skeleton_of(mesh.vertices, mesh.cells)

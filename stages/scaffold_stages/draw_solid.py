@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from scaffold_geometry.drawing.sections import AXES, nearest_values, section_svg, sections, simplify_surface
-from scaffold_pipeline.artifacts import Fact, Metrics, OuterShape, Solid, SurfaceMesh, WrittenFiles
+from scaffold_pipeline.artifacts import Drawing, Fact, Metrics, OuterShape, Solid, SurfaceMesh, WrittenFiles
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Params, Share, Unit, stage
@@ -43,7 +43,22 @@ class DrawSolidParams(Params):
     """Where the planes across x, y and z cut, from the solid's one end to the other."""
 
 
-@stage(writes="drawing", version=1)
+DRAWINGS = (
+    Drawing("view.npz", "3-D view", "A copy of the solid of few triangles.", "view"),
+    Drawing(
+        "section_{axis}.svg",
+        "Section across {axis}",
+        "The solid is filled, the outer shape a line; axes, place and scale stand below each.",
+        "section",
+    ),
+)
+
+
+@stage(
+    writes="drawing",
+    version=1,
+    drawings=DRAWINGS,
+)
 def draw_solid(
     solid: Solid,
     outer: OuterShape | None = None,

@@ -11,7 +11,7 @@ from scaffold_geometry.surfaces import self_intersections, triangles
 from scaffold_geometry.surfaces.repair import vertex_splitting
 from scaffold_geometry.volumes import cells, lattices
 from scaffold_geometry.volumes.boundary import boundary_triangles
-from scaffold_pipeline.artifacts import Fact, OuterShape, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, Metric, OuterShape, VolumeMesh
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Params, stage
@@ -31,7 +31,16 @@ class ExtractOuterParams(Params):
     """What to do where the boundary touches itself at a vertex or an edge: move its sheets apart, or stop."""
 
 
-@stage(writes="outer", version=2)
+METRICS = (
+    Metric("boundary_volume_difference", "", "Volume by cut quadrangles", "Change, as a share of the mesh's.", ""),
+    Metric("boundary_vertices_parted", "", "Boundary vertices parted", "Where the boundary touched itself.", ""),
+    Metric("boundary_edges_parted", "", "Boundary edges parted", "Where the boundary touched itself.", ""),
+    Metric("boundary_parting_mm", "mm", "Parting of the boundary", "How far vertices were moved, at most.", ""),
+)
+"""What the facts of the outer shape are."""
+
+
+@stage(writes="outer", version=2, metrics=METRICS)
 def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
     """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
 

@@ -9,13 +9,43 @@ import numpy as np
 from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.files import surfaces
 from scaffold_geometry.surfaces import self_intersections, triangles
-from scaffold_pipeline.artifacts import Fact, Metrics
+from scaffold_pipeline.artifacts import Fact, Metric, Metrics
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import InputFile, Params, stage
 
 _SEARCH_SECONDS = 60.0
 """For the search for self-intersections: exact; a million triangles take seconds, a tangle may take longer."""
+
+
+_FILE, _SURFACE = "File", "Surface"
+
+METRICS = (
+    Metric("file", "", "File", "What was measured.", _FILE),
+    Metric("unit", "", "Unit", "Of the file's lengths, and who says so.", _FILE),
+    Metric("vertices_in_file", "", "Vertices in the file", "Before those at the same place count as one.", _FILE),
+    Metric("vertices", "", "Vertices", "At different places.", _FILE),
+    Metric("triangles", "", "Triangles", "Of the surface.", _FILE),
+    Metric("degenerate_triangles", "", "Degenerate triangles", "Without area.", _FILE),
+    Metric("duplicate_triangles", "", "Duplicate triangles", "With the same corners as another.", _FILE),
+    Metric("size_{axis}", "mm", "Size along {axis}", "Of the bounding box.", _SURFACE),
+    Metric("area_mm2", "mm\u00b2", "Area", "Of all triangles.", _SURFACE),
+    Metric("volume_mm3", "mm\u00b3", "Volume", "Where the surface is closed and consistently wound.", _SURFACE),
+    Metric("is_manifold", "", "Manifold", "Whether each edge belongs to two triangles.", _SURFACE),
+    Metric("is_oriented", "", "Oriented", "Whether neighbours are wound the same way.", _SURFACE),
+    Metric("boundary_edges", "", "Open edges", "With one triangle.", _SURFACE),
+    Metric("non_manifold_edges", "", "Non-manifold edges", "With more than two triangles.", _SURFACE),
+    Metric("misoriented_edges", "", "Misoriented edges", "Whose two triangles are wound against each other.", _SURFACE),
+    Metric("touching_vertices", "", "Touching vertices", "At which the surface only touches itself.", _SURFACE),
+    Metric("pieces", "", "Pieces", "Parts that hang together by edges.", _SURFACE),
+    Metric("euler", "", "Euler characteristic", "Vertices minus edges plus triangles.", _SURFACE),
+    Metric("genus", "", "Genus", "Handles of all pieces together, of a closed surface.", _SURFACE),
+    Metric("self_intersecting_faces", "", "Self-intersecting triangles", "That pass through others.", _SURFACE),
+    Metric("self_intersecting_faces_note", "", "Why these were not counted", "The search did not end.", _SURFACE),
+    Metric("manifold3d", "", "Status in manifold3d", "What that library says of the surface as a solid.", _SURFACE),
+    Metric("notes", "", "Notes", "What the reader of the file met.", _FILE),
+)
+"""What `inspect_surface` tells."""
 
 
 class InspectSurfaceParams(Params):
@@ -28,7 +58,7 @@ class InspectSurfaceParams(Params):
     """What a length of 1 in the file means; left out, what the file says, or else mm."""
 
 
-@stage(writes="metrics", version=2)
+@stage(writes="metrics", version=2, metrics=METRICS)
 def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
     """Measure a surface file: unit, size, area, volume, closedness, pieces, self-intersections.
 

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from scaffold_geometry.files import surfaces
 from scaffold_geometry.files.inputs import warn_of_odd_size
+from scaffold_geometry.surfaces.repair.log import METRICS as REPAIR_METRICS
 from scaffold_geometry.surfaces.repair.outer_shape import RepairRules, make_outer_shape
 from scaffold_geometry.surfaces.triangles import size_in_words
 from scaffold_pipeline.artifacts import OuterShape
@@ -40,7 +41,11 @@ class LoadSurfaceParams(Params):
     out, 1 % of the diagonal."""
 
 
-@stage(writes="outer", version=3)
+@stage(
+    writes="outer",
+    version=3,
+    metrics=REPAIR_METRICS,
+)
 def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     """Read a surface in mm, repair it, turn it outward, and refuse what does not bound a solid.
 

@@ -9,10 +9,32 @@ import numpy as np
 from pydantic import Field
 
 from scaffold_geometry.arrays import Floats
-from scaffold_geometry.measures.facts import connectivity_facts, surface_facts, to_place, transport_facts
-from scaffold_geometry.measures.gates import GateParams, failed_gates, gates_not_applied, to_number
+from scaffold_geometry.measures import morphometry as of_voxels
+from scaffold_geometry.measures import struts_and_throats
+from scaffold_geometry.measures.declarations import (
+    AREA,
+    COMPUTED,
+    GATES_NOT_APPLIED,
+    PORES,
+    POROSITY,
+    SIZE,
+    place_facts,
+)
+from scaffold_geometry.measures.facts import (
+    CONNECTIVITY_METRICS,
+    SURFACE_METRICS,
+    TRANSPORT_METRICS,
+    connectivity_facts,
+    surface_facts,
+    transport_facts,
+)
+from scaffold_geometry.measures.gates import GATES, GateParams, failed_gates, gates_not_applied, to_number
+from scaffold_geometry.measures.printability import rules
 from scaffold_geometry.measures.printability.rules import PrintRules
+from scaffold_geometry.surfaces import shells as of_shells
 from scaffold_pipeline.artifacts import (
+    CERTIFICATE_METRICS,
+    UNDER_RESOLVED,
     Fact,
     IsoSurface,
     Metrics,
@@ -31,6 +53,27 @@ if TYPE_CHECKING:
 
 _ON_OUTER = 1e-3
 """A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""
+
+
+METRICS = (
+    *POROSITY,
+    *of_voxels.METRICS,
+    *struts_and_throats.METRICS,
+    *CERTIFICATE_METRICS,
+    *PORES,
+    *CONNECTIVITY_METRICS,
+    *TRANSPORT_METRICS,
+    AREA,
+    *SURFACE_METRICS,
+    *of_shells.METRICS,
+    *SIZE,
+    *rules.METRICS,
+    UNDER_RESOLVED,
+    *COMPUTED,
+    of_voxels.VOXEL_SIZE,
+    GATES_NOT_APPLIED,
+)
+"""What `measure` tells, but for what the stages that make the field and the outer shape tell of these."""
 
 
 class MeasureParams(GateParams):
@@ -52,7 +95,12 @@ class MeasureParams(GateParams):
     """What the printer can do: each rule that the solid breaks is a finding, not a failure."""
 
 
-@stage(writes="metrics", version=9)
+@stage(
+    writes="metrics",
+    version=10,
+    metrics=METRICS,
+    gates=GATES,
+)
 def measure(
     solid: Solid,
     outer: OuterShape,
@@ -176,9 +224,9 @@ def _thickness_facts(
     throat = narrowest_throat(skeleton, solid, shape, skin)
     return {
         "thinnest_strut_mm": strut.diameter if strut else None,
-        "thinnest_strut_at": to_place(strut.place) if strut else None,
+        **place_facts("thinnest_strut", strut.place if strut else None),
         "struts_interrupted": strut.interrupted if strut else None,
         "narrowest_throat_mm": throat.diameter if throat else None,
-        "narrowest_throat_at": to_place(throat.place) if throat else None,
+        **place_facts("narrowest_throat", throat.place if throat else None),
         "channels_interrupted": throat.interrupted if throat else None,
     }

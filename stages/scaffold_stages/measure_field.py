@@ -12,10 +12,35 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from scaffold_geometry.arrays import Bools
+from scaffold_geometry.measures.declarations import COMPUTED, PORES, POROSITY
+from scaffold_geometry.surfaces import shells
 from scaffold_geometry.voxels.grids import samples_inside
-from scaffold_pipeline.artifacts import Certificate, Fact, Metrics, OuterShape, ScalarField
+from scaffold_pipeline.artifacts import (
+    CERTIFICATE_METRICS,
+    UNDER_RESOLVED,
+    Certificate,
+    Fact,
+    Metric,
+    Metrics,
+    OuterShape,
+    ScalarField,
+)
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import Params, Share, Unit, stage
+
+METRICS = (
+    *POROSITY,
+    *CERTIFICATE_METRICS,
+    *PORES,
+    *shells.METRICS,
+    Metric("channels_open_fraction", "", "Channels open", "Share of all channels, by the certificate.", "Connectivity"),
+    Metric("struts_whole_fraction", "", "Struts whole", "Share of all struts, by the certificate.", "Struts"),
+    Metric("least_value", "", "Least field value", "Of the samples inside the outer shape.", ""),
+    Metric("greatest_value", "", "Greatest field value", "Of the samples inside the outer shape.", ""),
+    UNDER_RESOLVED,
+    *COMPUTED,
+)
+"""What `measure_field` tells, but for what the stage that makes the field tells of it."""
 
 
 class MeasureFieldParams(Params):
@@ -34,7 +59,7 @@ class MeasureFieldParams(Params):
         return self
 
 
-@stage(writes="metrics", version=2)
+@stage(writes="metrics", version=2, metrics=METRICS)
 def measure_field(field: ScalarField, outer: OuterShape, *, params: MeasureFieldParams) -> Metrics:
     """Count solid and void pieces, open channels and whole struts of a field at an iso-value, on its voxels.
 

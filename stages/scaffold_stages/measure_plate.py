@@ -7,9 +7,42 @@ from collections.abc import Iterator
 import numpy as np
 from pydantic import Field
 
-from scaffold_geometry.measures.gates import to_number
-from scaffold_pipeline.artifacts import Certificate, Contour, Fact, Metrics, PlanarMesh, ScalarField, Solid, SurfaceMesh
+from scaffold_geometry.measures.declarations import AREA, COMPUTED, POROSITY, SIZE
+from scaffold_geometry.measures.gates import MANIFOLD, POROSITY_ASKED_FOR, to_number
+from scaffold_geometry.surfaces import shells
+from scaffold_pipeline.artifacts import (
+    CERTIFICATE_METRICS,
+    Certificate,
+    Contour,
+    Fact,
+    Gate,
+    Metric,
+    Metrics,
+    PlanarMesh,
+    ScalarField,
+    Solid,
+    SurfaceMesh,
+)
 from scaffold_pipeline.stages.contract import Params, Share, stage
+
+METRICS = (
+    *POROSITY,
+    *CERTIFICATE_METRICS,
+    Metric("pore_pieces", "", "Pieces of pore space", "Each is a hole of its own.", "Pores"),
+    Metric("holes", "", "Holes", "Of the contour.", "Pores"),
+    AREA,
+    *shells.METRICS,
+    *SIZE,
+    *COMPUTED,
+)
+"""What `measure_plate` tells, but for what the stage that makes the field tells of it."""
+
+GATES = (
+    MANIFOLD,
+    Gate("one_piece", "The plate is one piece.", "gate_one_piece"),
+    POROSITY_ASKED_FOR,
+    Gate("struts_whole", "All struts are whole.", "gate_struts_whole"),
+)
 
 
 class MeasurePlateParams(Params):
@@ -31,7 +64,7 @@ class MeasurePlateParams(Params):
     """Whether an iso at which struts are broken fails, by the field's certificate."""
 
 
-@stage(writes="metrics", version=1)
+@stage(writes="metrics", version=1, metrics=METRICS, gates=GATES)
 def measure_plate(
     solid: Solid, contour: Contour, field: ScalarField, mesh: PlanarMesh | None = None, *, params: MeasurePlateParams
 ) -> Metrics:

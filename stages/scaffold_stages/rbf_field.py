@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field, model_validator
 
+from scaffold_geometry.fields import interpolation
 from scaffold_geometry.fields.interpolation import DEFAULT_C, LEAST_C, MOST_C, Basis, Method, interpolate
 from scaffold_geometry.fields.mesh_field import MeshField, sample_mesh_field
 from scaffold_geometry.fields.sampling import SamplingParams
@@ -38,7 +39,7 @@ class RbfFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=1)
+@stage(writes="field", version=1, metrics=interpolation.METRICS)
 def rbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: RbfFieldParams) -> ScalarField:
     """Compute the isotropic RBF field of a mesh, on points only, and certify its connectivity: for comparison.
 

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from scaffold_geometry.arrays import Floats
 from scaffold_geometry.fields.sampling import SamplingParams, Voxels, voxels_over
 from scaffold_geometry.files.points import read_points
-from scaffold_pipeline.artifacts import OuterShape, ScalarField
+from scaffold_pipeline.artifacts import Metric, OuterShape, ScalarField
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import Millimetres, Params, Share, Unit, stage
 
@@ -86,7 +86,14 @@ class TpmsFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=1)
+METRICS = (
+    Metric("tpms", "", "Surface of the field", "Triply periodic, and of which kind.", "How it was computed"),
+    Metric("cell_size", "mm", "Cell size", "Edge of the cube that repeats.", "How it was computed"),
+)
+"""What the field's facts are."""
+
+
+@stage(writes="field", version=1, metrics=METRICS)
 def tpms_field(outer: OuterShape, *, params: TpmsFieldParams) -> ScalarField:
     """Compute the field of a triply periodic minimal surface, skeletal or sheet, over the outer shape.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from scaffold_geometry.arrays import Floats
-from scaffold_pipeline.artifacts import Contour, Fact, WrittenFiles
+from scaffold_pipeline.artifacts import Contour, Drawing, Fact, WrittenFiles
 from scaffold_pipeline.run.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, Params, Title, Unit, stage
 
@@ -38,7 +38,18 @@ class WriteContourParams(Params):
     """Longest side of the PNG."""
 
 
-@stage(writes="contour_files", version=1)
+DRAWINGS = (
+    Drawing("contour.png", "Contour", "The solid is dark."),
+    Drawing("contour.svg", "Contour, in mm", "The solid is dark."),
+)
+
+
+@stage(
+    writes="contour_files",
+    version=1,
+    libraries=("libigl", "manifold3d", "pyvista", "scikit-image", "scipy", "vtk"),
+    drawings=DRAWINGS,
+)
 def write_contour(contour: Contour, *, params: WriteContourParams, out: Path) -> WrittenFiles:
     """Write the contour as SVG, in mm and in its own place, and as PNG, the solid dark on white.
 

@@ -20,7 +20,7 @@ from scaffold_geometry.files.solids.model import Mesh, Model, mesh_of_corners
 from scaffold_geometry.files.solids.pore_space import PoreSpace, pore_space
 from scaffold_geometry.files.solids.writing import round_to_float32, write_verified
 from scaffold_geometry.surfaces.merge_corners import to_single
-from scaffold_pipeline.artifacts import Fact, OuterShape, Solid, WrittenFiles
+from scaffold_pipeline.artifacts import Drawing, Fact, OuterShape, Solid, WrittenFiles
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.run.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, Params, Title, stage
@@ -50,7 +50,14 @@ class WriteSolidParams(Params):
     """Whether the pore space is written too, `void.stl` and so on in the same formats, for casting or flow."""
 
 
-@stage(writes="written", version=5)
+DRAWINGS = (Drawing("preview.png", "Solid", "As it is written to the files.", "lead"),)
+
+
+@stage(
+    writes="written",
+    version=5,
+    drawings=DRAWINGS,
+)
 def write_solid(
     solid: Solid,
     outer: OuterShape | None = None,

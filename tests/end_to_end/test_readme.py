@@ -8,7 +8,7 @@ import pytest
 import trimesh
 
 from scaffold_pipeline.cli.app import app
-from scaffold_pipeline.stages.catalogue import markdown_table
+from scaffold_pipeline.stages.catalogue import markdown_table, metrics_table
 
 README = (Path(__file__).parents[2] / "README.md").read_text()
 
@@ -21,6 +21,11 @@ def block(mark, language="bash"):
 def test_the_stage_table_is_the_one_that_the_code_prints():
     table = README.partition("`scaffold-pipeline stages --markdown` -->")[2].partition("<!-- end of stages -->")[0]
     assert table.strip() == markdown_table()
+
+
+def test_the_table_of_what_is_measured_is_the_one_that_the_code_prints():
+    table = README.partition("`scaffold-pipeline stages --metrics` -->")[2].partition("<!-- end of metrics -->")[0]
+    assert table.strip() == metrics_table()
 
 
 def test_the_two_commands_are_where_the_check_looks_for_them():

@@ -11,7 +11,35 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from scaffold_pipeline.artifacts import Declared, Drawing, Gate, Metric
 from scaffold_pipeline.run.store import hash_file
+
+DECLARED = Declared(
+    metrics=(
+        Metric("porosity", "", "Porosity", "Share that is pore.", "Porosity", shown_in=("headline", "caption")),
+        Metric("volume_mm3", "mm\u00b3", "Volume of the solid", "What has to be printed.", "Porosity"),
+        Metric("strut_thickness_mean", "mm", "Strut thickness, mean", "The greatest ball.", "Struts"),
+        Metric("tortuosity_{axis}", "", "Tortuosity along {axis}", "How winding pores are.", "Transport"),
+    ),
+    gates=tuple(
+        ("mesh", gate)
+        for gate in (
+            Gate("manifold", "The surface is closed, with two triangles at each edge.", "gate_manifold"),
+            Gate("one_piece", "The solid is one piece.", "gate_one_piece"),
+            Gate("interrupted", "Struts are whole.", "gate_interrupted"),
+            Gate("of_a_plug_in", "", "gate_of_a_plug_in"),
+            Gate("porosity", "The porosity is the one asked for.", "gate_porosity"),
+            Gate("min_strut", "The thinnest strut is as thick as asked for.", "min_strut"),
+            Gate("min_throat", "The narrowest throat is as wide as asked for.", "min_throat"),
+        )
+    ),
+    drawings=(
+        Drawing("preview.png", "Solid", "", "lead"),
+        Drawing("view.npz", "3-D view", "", "view"),
+        Drawing("section_{axis}.svg", "Section across {axis}", "The solid is filled.", "section"),
+    ),
+)
+"""What the stages of the record of a test are taken to declare."""
 
 OCTAHEDRON = np.concatenate([np.eye(3), -np.eye(3)])
 FACES = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]

@@ -11,9 +11,9 @@ from pipeline.workplace import Project
 from scaffold_pipeline.config.starter import examples
 from scaffold_pipeline.config.yaml_source import parse
 from scaffold_pipeline.errors import StageDefinitionError
-from scaffold_pipeline.stages.catalogue import config_schema, describe, installed_stages, markdown_table
+from scaffold_pipeline.stages.catalogue import config_schema, describe, markdown_table
 from scaffold_pipeline.stages.contract import Stage
-from scaffold_pipeline.stages.registry import load_stage
+from scaffold_pipeline.stages.registry import installed_stages, load_stage
 
 CONFIGS = sorted(Path(__file__).parents[2].glob("configs/*.yaml"))
 

@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from jinja2 import UndefinedError
 
-from pipeline.example_page import MEASURES, view_file
-from scaffold_pipeline.report import reproducing
+from pipeline.example_page import DECLARED, MEASURES, view_file
+from scaffold_pipeline.artifacts import Declared, Drawing, Gate, Metric
+from scaffold_pipeline.report import rendering, reproducing
 from scaffold_pipeline.report.page import render_page
 from scaffold_pipeline.report.sources import Sources
 from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_text
@@ -54,6 +56,7 @@ RECORD: dict[str, Any] = {
     "files": {"solid.stl": {"sha256": "34" * 32, "bytes": 53_561_784}},
     "versions": {"numpy": "2.0"},
     "platform": {"system": "Linux"},
+    "declared": DECLARED.to_json(),
 }
 PNG = b"\x89PNG\r\n\x1a\n of a kind"
 HOSTILE = '<script>alert("x")</script><img src=http://example.org/a.png onerror=x>&amp;'
@@ -193,6 +196,34 @@ def test_everything_that_others_wrote_is_escaped():
     assert not re.search(r"<script>alert|<b>", text)
 
 
+def test_what_a_plug_in_declares_is_escaped():
+    declared = Declared(
+        metrics=(Metric("porosity", HOSTILE, HOSTILE, HOSTILE, HOSTILE, shown_in=("headline",)),),
+        gates=(("mesh", Gate(HOSTILE, HOSTILE, "on")),),
+        drawings=(Drawing("preview.png", HOSTILE, HOSTILE, "picture"), Drawing("a.svg", HOSTILE, HOSTILE, "section")),
+        viewers=(HOSTILE,),
+    )
+    stage = {**STAGE, "parameters": {"on": True}, "summary": {"quality": "pass"}}
+    text = page({"declared": declared.to_json(), "stages": [stage]}, pictures={"preview.png": PNG, "a.svg": SVG})
+    tags = Tags(text).found
+    assert text.count("&lt;script&gt;alert(") > 10
+    assert [tag for tag, _ in tags].count("script") == 1
+    assert [tag for tag, _ in tags].count("img") == 2
+    assert not any(name.startswith("on") for _, attributes in tags for name in attributes)
+
+
+def test_templates_trust_nothing_but_our_own_styles_and_scripts():
+    templates = sorted(Path(rendering.__file__).with_name("templates").glob("*.j2"))
+    texts = [path.read_text(encoding="utf-8") for path in templates]
+    assert len(texts) > 4
+    assert not re.search(r"\|\s*safe\b|autoescape|Markup", "".join(texts))
+
+
+def test_a_name_that_a_template_is_not_given_is_an_error():
+    with pytest.raises(UndefinedError, match="'name' is undefined"):
+        rendering.render("study.html.j2", styles=(), scripts=())
+
+
 def test_the_page_asks_for_nothing_outside_itself():
     text = page(measures=MEASURES, view=view_file())
     addresses = [
@@ -214,7 +245,7 @@ def test_the_picture_is_in_the_page_to_the_byte():
 
 
 def test_without_a_picture_or_a_view_the_page_says_so_and_how_to_have_one():
-    text = render_page(Sources({**RECORD, "stages": [STAGE, {**STAGE, "slot": "solid"}]}, METRICS))
+    text = render_page(Sources({**RECORD, "declared": None, "stages": [STAGE, {**STAGE, "slot": "solid"}]}, METRICS))
 
     assert "No picture was drawn" in text
     assert "the stage draw_solid , last in a config, makes one" in words(text)
@@ -223,7 +254,7 @@ def test_without_a_picture_or_a_view_the_page_says_so_and_how_to_have_one():
 
 
 def test_a_run_without_a_solid_is_not_told_how_to_view_one():
-    assert "draw_solid" not in words(page())
+    assert "draw_solid" not in words(page({"declared": None}))
 
 
 def test_a_view_that_is_damaged_costs_the_view_alone():

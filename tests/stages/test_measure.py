@@ -357,6 +357,10 @@ def test_the_morphometry_of_a_square_channel_is_that_of_its_sides():
     )
     assert throat[:2] == pytest.approx([4.0, 3.5], abs=2.0)  # in the channel, 3 mm wide
     assert axis == pytest.approx([0.0, 0.0, 1.0], abs=1e-3)
+    for place, text in (("anisotropy_direction", "anisotropy_axis"), ("throat_50_place", "throat_50_at")):
+        assert ", ".join(f"{number:.4g}" for number in metrics.values[place]) == metrics.values[text]
+    low, high = (metrics.values[f"diffusion_box_{end}"] for end in ("low", "high"))
+    assert all(start < end for start, end in zip(low, high, strict=True))
     assert [histogram.name for histogram in metrics.histograms] == ["strut_thickness", "pore_size"]
     assert [histogram.shares.sum() for histogram in metrics.histograms] == pytest.approx([1.0, 1.0])
     (curve,) = metrics.curves

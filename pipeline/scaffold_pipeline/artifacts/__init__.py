@@ -1,7 +1,8 @@
 """The values that stages hand to each other: meshes, fields, contours, metrics; frozen, checked once, arrays locked."""
 
 from scaffold_pipeline.artifacts.contours import Contour, Polygons
-from scaffold_pipeline.artifacts.fields import Certificate, ScalarField
+from scaffold_pipeline.artifacts.declarations import Declared, Drawing, Gate, Metric
+from scaffold_pipeline.artifacts.fields import CERTIFICATE_METRICS, UNDER_RESOLVED, Certificate, ScalarField
 from scaffold_pipeline.artifacts.meshes import (
     Artifact,
     CellMesh,
@@ -19,17 +20,23 @@ from scaffold_pipeline.artifacts.meshes import (
 from scaffold_pipeline.artifacts.metrics import Curve, Finding, Histogram, Metrics
 
 __all__ = [
+    "CERTIFICATE_METRICS",
+    "UNDER_RESOLVED",
     "Artifact",
     "CellMesh",
     "Certificate",
     "Contour",
     "Curve",
+    "Declared",
+    "Drawing",
     "Fact",
     "Finding",
     "Floats",
+    "Gate",
     "Histogram",
     "Ints",
     "IsoSurface",
+    "Metric",
     "Metrics",
     "OuterShape",
     "PlanarMesh",

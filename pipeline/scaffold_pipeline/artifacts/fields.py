@@ -9,11 +9,34 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from scaffold_pipeline.artifacts.declarations import Metric
 from scaffold_pipeline.artifacts.meshes import Artifact, Fact, Floats
 from scaffold_pipeline.errors import StageError
 
 if TYPE_CHECKING:
     import pyvista
+
+CERTIFICATE_METRICS = (
+    Metric("channel_max", "", "Greatest field value on a channel", "At an iso above it all channels are open.", ""),
+    Metric("strut_min", "", "Least field value on a strut", "At an iso below it all struts are whole.", ""),
+    Metric("channels", "", "Channels", "Passages from a cell's centre to a face.", ""),
+    Metric(
+        "channels_closed",
+        "",
+        "Channels closed",
+        "Passages from pore to pore that are shut at this iso-value.",
+        "Connectivity",
+    ),
+    Metric("struts", "", "Struts", "Edges of the mesh.", ""),
+    Metric(
+        "struts_broken", "", "Struts broken", "Mesh edges that are not solid all along, by the certificate.", "Struts"
+    ),
+)
+"""What `Certificate.at` tells, but for the next."""
+
+UNDER_RESOLVED = Metric(
+    "under_resolved", "", "Struts and channels too thin for the voxels", "Thinner than two voxels.", "Printability"
+)
 
 
 @dataclass(frozen=True, eq=False)

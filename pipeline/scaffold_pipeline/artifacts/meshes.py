@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
-Fact: TypeAlias = str | int | float | bool | list[str] | None
-"""What a summary, a record or `metrics.json` may hold under one key."""
+Fact: TypeAlias = str | int | float | bool | list[str] | list[float] | None
+"""What a summary, a record or `metrics.json` may hold under one key; a place or a direction is three numbers."""
 
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]

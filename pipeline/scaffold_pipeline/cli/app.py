@@ -135,23 +135,28 @@ def validate(config: Path, *, settings: Settings = [], as_json: Json = False) ->
 
 
 @app.command
-def stages(name: str | None = None, *, markdown: bool = False) -> int:
-    """List the installed stages, or tell the parameters of one.
+def stages(name: str | None = None, *, markdown: bool = False, metrics: bool = False) -> int:
+    """List the installed stages, or tell the parameters and metrics of one.
 
     Parameters
     ----------
     name
         The stage to describe.
     markdown
-        Print the table that the README shows.
+        Print the table of stages that the README shows.
+    metrics
+        Print the README's table of what is measured, and how.
     """
-    from scaffold_pipeline.stages.catalogue import describe, installed_stages, markdown_table, require_stage
+    from scaffold_pipeline.stages.catalogue import describe, markdown_table, metrics_table, require_stage
     from scaffold_pipeline.stages.contract import Stage
+    from scaffold_pipeline.stages.registry import installed_stages
 
     if name is not None:
         print(describe(require_stage(name)))
     elif markdown:
         print(markdown_table())
+    elif metrics:
+        print(metrics_table())
     else:
         for stage in installed_stages():
             print(f"{stage.name:18} {stage.summary}" if isinstance(stage, Stage) else f"broken: {stage}")

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from PIL import Image, ImageDraw, ImageFont, ImageOps
 
+from scaffold_pipeline.artifacts import Drawing
+
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
     from PIL.ImageFont import ImageFont as BitmapFont
 
     Font: TypeAlias = FreeTypeFont | BitmapFont
 
-_FIRST = ("mesh.png", "preview.png", "contour.png")
 _QUALITY = 88
 """Of JPEG: what a rendered surface shows no trace of."""
 
@@ -41,14 +42,16 @@ class Cell:
     pictures: tuple[Image.Image, ...]
 
 
-def in_order(names: Sequence[str]) -> list[str]:
-    """Return the names of the pictures among some files: the mesh, the solid, the contour, then others.
+def in_order(names: Sequence[str], drawings: Sequence[Drawing]) -> list[str]:
+    """Return the names of the pictures among some files: those that are declared, as they are, then others.
 
-    >>> in_order(["preview.png", "solid.stl", "a.png", "mesh.png"])
+    >>> declared = [Drawing("mesh.png", "Mesh", ""), Drawing("preview.png", "Solid", "")]
+    >>> in_order(["preview.png", "solid.stl", "a.png", "mesh.png"], declared)
     ['mesh.png', 'preview.png', 'a.png']
     """
+    ranks = {drawing.file: number for number, drawing in enumerate(drawings)}
     pictures = sorted(name for name in names if name.lower().endswith(".png"))
-    return sorted(pictures, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST))
+    return sorted(pictures, key=lambda name: ranks.get(name, len(ranks)))
 
 
 def thumbnail(path: Path) -> Image.Image | None:

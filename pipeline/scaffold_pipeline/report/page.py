@@ -1,29 +1,23 @@
-"""A run's record as one self-contained HTML page: it asks for nothing and reads on paper too.
-
-Its script turns the solid and sorts tables; all else is there without it.
-"""
+"""A run's record as one self-contained HTML page: what its template, `run.html.j2`, shows."""
 
 from __future__ import annotations
 
 import json
 import re
-from base64 import b64encode
-from collections.abc import Iterable, Mapping
-from html import escape
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from scaffold_pipeline.artifacts import Fact
-from scaffold_pipeline.report import reproducing
-from scaffold_pipeline.report.gates import gate_list, list_gates
-from scaffold_pipeline.report.markup import TABLES, Number, contents, document, folded, items, section, table, text_of
-from scaffold_pipeline.report.page_style import STYLE
+from scaffold_pipeline.artifacts import Declared, Drawing, Fact
+from scaffold_pipeline.report.declared import declared_of
+from scaffold_pipeline.report.gates import list_gates
 from scaffold_pipeline.report.plots import draw_curve, draw_histogram
-from scaffold_pipeline.report.results import highlights, results
+from scaffold_pipeline.report.rendering import Cell, Figure, render, to_data_uri
+from scaffold_pipeline.report.reproducing import CITATIONS, TITLE, needed_files
+from scaffold_pipeline.report.results import current_keys, group_results, headline, list_metrics
 from scaffold_pipeline.report.sources import Sources
-from scaffold_pipeline.report.view import colour_of, draw_view, places_of, read_view
+from scaffold_pipeline.report.view import DrawnView, colour_of, draw_view, places_of, read_view
 from scaffold_pipeline.report.window import draw_window
-from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_duration, to_name, to_size, to_text
+from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_name, to_size, to_text
 
 _SHORT = 24
 """Characters of a fact that has a place in the line of its stage."""
@@ -31,239 +25,243 @@ _SHORT = 24
 _MOST_BUTTONS, _MOST_LISTED = 12, 200
 """Places of a finding that buttons lead to, and that are listed; the view marks more, `measures.json` has all."""
 
-_VIEWER = [Path(__file__).with_name(name) for name in ("painter.js", "viewer.js")]
-_PREVIEW = "preview.png"
 _WIDTH = re.compile(rb'<svg [^>]{0,100}\bwidth="([0-9]{1,6}(?:\.[0-9]{1,9})?)mm"')
 _TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
+_STYLES = ("page.css", "run.css")
 
 
 def render_page(sources: Sources) -> str:
     """Return the page of a run. What is missing or None is left out or shown as a dash."""
-    record, metrics = sources.record, sources.metrics
-    name = text_of(record.get("name"))
+    record, metrics, declared = sources.record, sources.metrics, declared_of(sources.record)
     findings = _mappings(sources.measures, "findings")
-    view = _view(sources, findings, name)
-    sections = {
-        "Sections": _sections(sources),
-        "Places to look at": _findings(findings),
-        "Results": results(metrics),
-        "Distributions": _plots(sources.measures),
-        "Certificate": draw_window(metrics),
-        "Pictures": _pictures(sources),
-        "Stages": _stages(list(record.get("stages") or ())),
-        "Warnings": items(record.get("warnings") or ()),
-        "Configuration": folded("Resolved configuration", _config(sources)),
-        "Files": _files(record.get("files") or {}),
-        "Record": _provenance(record),
-        "Run it again": reproducing.how_to_run(record),
-        "How to cite": reproducing.how_to_cite(),
-    }
-    parts = [_headline(record, name, metrics), contents(sections), _solid(sources, name), view]
-    parts += [section(title, content) for title, content in sections.items()]
-    scripts = [TABLES, *(_VIEWER if "view-data" in view else ())]
-    script = "".join(path.read_text(encoding="utf-8") for path in scripts)
-    return document(to_text(record.get("name")), parts, style=STYLE, script=script)
+    view, view_fault = _view(sources, findings, declared)
+    return render(
+        "run.html.j2",
+        styles=_STYLES,
+        scripts=("tables.js", "painter.js", "viewer.js") if view else ("tables.js",),
+        **_headline(record, metrics, declared),
+        **_pictures(sources, declared),
+        findings=[_finding(finding, number) for number, finding in enumerate(findings)],
+        results=group_results(metrics, declared),
+        every=list_metrics(metrics, declared),
+        charts=list(_charts(sources.measures)),
+        certificate=draw_window(metrics),
+        view=view,
+        view_fault=view_fault,
+        viewers=() if sources.view else declared.viewers,
+        missing=sources.missing,
+        **_record(sources, declared),
+    )
 
 
 def _mappings(measures: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]:
     return [entry for entry in measures.get(name) or () if isinstance(entry, Mapping)]
 
 
-def _headline(record: Mapping[str, Any], name: str, metrics: Mapping[str, Fact]) -> str:
+class Verdict(NamedTuple):
+    """What became of the quality gates, for the style and in words."""
+
+    kind: str
+    words: str
+
+
+_VERDICTS = {
+    None: Verdict("unknown", "quality not measured"),
+    True: Verdict("fail", "quality fail"),
+    False: Verdict("pass", "quality pass"),
+}
+
+
+def _headline(record: Mapping[str, Any], metrics: Mapping[str, Fact], declared: Declared) -> dict[str, object]:
     quality = metrics.get("quality")
     gates = failed_gates(record.get("quality") if quality is None else quality)
-    verdicts = {
-        None: ("unknown", "quality not measured"),
-        True: ("fail", "quality fail"),
-        False: ("pass", "quality pass"),
+    return {
+        "name": record.get("name"),
+        "verdict": _VERDICTS[None if gates is None else bool(gates)],
+        "gates": list_gates(record, metrics, declared),
+        "headline": headline(metrics, declared),
+        "seed": record.get("seed"),
+        "seconds": record.get("seconds"),
+        "memory": record.get("peak_memory_bytes"),
+        "when": record.get("finished") or record.get("started"),
     }
-    kind, verdict = verdicts[None if gates is None else bool(gates)]
-    when = record.get("finished") or record.get("started")
-    told = " \u00b7 ".join(
-        (
-            f"seed {text_of(to_name(record.get('seed')))}",
-            to_duration(record.get("seconds")),
-            f"{to_size(record.get('peak_memory_bytes'))} at most",
-            text_of(when).replace("T", " "),
-        )
-    )
-    return (
-        f'<header>\n<h1>{name}</h1>\n<p class="verdict {kind}">{verdict}</p>\n'
-        f"{gate_list(list_gates(record, metrics))}\n"
-        f'{highlights(metrics)}\n<p class="told">{told}</p>\n</header>'
-    )
 
 
-def _solid(sources: Sources, name: str) -> str:
-    """Return the picture of the solid, which stands where it cannot be turned: on paper, or without script."""
-    png = sources.pictures.get(_PREVIEW)
-    left_out = (
-        f'<div class="none">Left out, as they are not the files that the run wrote: {items(sources.missing)}</div>'
-    )
-    picture = (
-        '<p class="none instead">No picture was drawn.</p>'
-        if png is None
-        else _figure(_PREVIEW, png, f"The solid {name}", kind="instead")
-    )
-    has_solid = any(stage.get("slot") == "solid" for stage in sources.record.get("stages") or ())
-    how = _HOW_TO_VIEW if has_solid and not sources.view else ""
-    return picture + how + (left_out if sources.missing else "")
+class Cut(NamedTuple):
+    """A section through the solid, and what all such show."""
+
+    figure: Figure
+    meaning: str
 
 
-def _figure(file: str, content: bytes, about: str, *, kind: str = "", caption: str = "") -> str:
-    """Return a picture of a file; `about`, its text for those who do not see it, and `caption` are escaped already.
+def _pictures(sources: Sources, declared: Declared) -> dict[str, object]:
+    """Return the pictures by where they are shown; the first that leads stands for the solid, with its name."""
+    drawn = [(file, declared.drawing(file) or Drawing(file, file, "")) for file in sources.pictures]
+    lead = next((file for file, drawing in drawn if drawing.place == "lead"), None)
+    about = f"The solid {to_text(sources.record.get('name'))}"
+    return {
+        "lead": None if lead is None else _figure(sources, lead, about),
+        "cuts": [
+            Cut(_figure(sources, file, f"{drawing.title}: {drawing.meaning}", drawing.title), drawing.meaning)
+            for file, drawing in drawn
+            if drawing.place == "section"
+        ],
+        "pictures": [
+            _figure(sources, file, drawing.meaning or drawing.title, drawing.title)
+            for file, drawing in drawn
+            if drawing.place == "picture"
+        ],
+    }
 
-    Drawings whose width is known in mm can share a scale.
-    """
-    source = f"data:{_TYPES[file[-4:]]};base64,{b64encode(content).decode()}"
-    told = f"<figcaption>{caption}</figcaption>" if caption else ""
+
+def _figure(sources: Sources, file: str, about: str, caption: str = "") -> Figure:
+    """Return a picture of a file; drawings whose width is known in mm can share a scale."""
+    content = sources.pictures[file]
     width = _WIDTH.match(content)
-    wide = f' style="--wide: {float(width[1]):g}"' if width else ""
-    return f'<figure class="{kind}"{wide}><img alt="{about}" src="{source}">{told}</figure>'
+    return Figure(to_data_uri(_TYPES[file[-4:]], content), about, caption, float(width[1]) if width else None)
 
 
-def _view(sources: Sources, findings: list[Mapping[str, Any]], name: str) -> str:
+def _view(sources: Sources, findings: list[Mapping[str, Any]], declared: Declared) -> tuple[DrawnView | None, str]:
+    """Return the 3-D view, if there is one, or what is wrong with it."""
     if sources.view is None:
-        return ""
+        return None, ""
     try:
-        return draw_view(read_view(sources.view), findings, name)
+        return draw_view(read_view(sources.view), findings), ""
     except ValueError as error:
-        return f'<p class="none">The 3-D view is left out: view.npz {text_of(error)}.</p>'
+        file = next((drawing.file for drawing in declared.drawings if drawing.place == "view"), "its file")
+        return None, f"{file} {error}"
 
 
-def _sections(sources: Sources) -> str:
-    figures = [
-        _figure(
-            name, sources.pictures[name], f"{_SECTION.format(axis=axis)}: {_SEEN}", caption=_SECTION.format(axis=axis)
-        )
-        for axis in "xyz"
-        if (name := f"section_{axis}.svg") in sources.pictures
-    ]
-    return f'<p class="meaning">{_SEEN}</p>\n<div class="sections">{"".join(figures)}</div>' if figures else ""
+def _charts(measures: Mapping[str, Any]) -> Iterator[object]:
+    for name, draw in (("histograms", draw_histogram), ("curves", draw_curve)):
+        yield from filter(None, map(draw, _mappings(measures, name)))
 
 
-def _pictures(sources: Sources) -> str:
-    others = [name for name in sources.pictures if name != _PREVIEW and not name.startswith("section_")]
-    return "".join(_figure(name, sources.pictures[name], text_of(name), caption=text_of(name)) for name in others)
+class Place(NamedTuple):
+    """A place, mm: as the script moves to it, and as people read it."""
+
+    exact: str
+    short: list[str]
 
 
-def _plots(measures: Mapping[str, Any]) -> str:
-    drawn = [draw_histogram(told) for told in _mappings(measures, "histograms")]
-    drawn += [draw_curve(told) for told in _mappings(measures, "curves")]
-    figures = "\n".join(filter(None, drawn))
-    return f'<div class="plots">{figures}</div>' if figures else ""
+class Found(NamedTuple):
+    """A finding: buttons to its first places, and the list of more."""
+
+    number: int
+    colour: str
+    rule: object
+    message: object
+    buttons: list[Place]
+    title: str
+    rows: list[list[str]]
 
 
-def _findings(findings: list[Mapping[str, Any]]) -> str:
-    lines = "".join(
-        f'<li><span class="dot" style="--own: {colour_of(number)}"></span>'
-        f"<strong>{text_of(finding.get('rule'))}</strong>: "
-        f"{text_of(finding.get('message'))}{_places(places_of(finding), number)}</li>"
-        for number, finding in enumerate(findings)
+def _finding(finding: Mapping[str, Any], number: int) -> Found:
+    places = places_of(finding)
+    short = [[f"{length:.4g}" for length in place] for place in places[:_MOST_LISTED]]
+    is_whole = len(places) <= _MOST_LISTED
+    return Found(
+        number,
+        colour_of(number),
+        finding.get("rule"),
+        finding.get("message"),
+        [Place(" ".join(map(str, place)), text) for place, text in zip(places[:_MOST_BUTTONS], short, strict=False)],
+        f"{len(places)} places" if is_whole else f"The first {_MOST_LISTED} of {len(places)} places",
+        short,
     )
-    return f'<ul class="findings">{lines}</ul>' if lines else ""
 
 
-def _places(places: list[list[float]], number: int) -> str:
-    buttons = "".join(
-        f'<li><button type="button" hidden data-finding="{number}" data-place="{" ".join(map(str, place))}">'
-        f"show {', '.join(f'{length:.4g}' for length in place)}</button></li>"
-        for place in places[:_MOST_BUTTONS]
-    )
-    rows = ([f"{length:.4g}" for length in place] for place in places[:_MOST_LISTED])
-    title = (
-        f"{len(places)} places" if len(places) <= _MOST_LISTED else f"The first {_MOST_LISTED} of {len(places)} places"
-    )
-    listed = folded(title, table(("x, mm", "y, mm", "z, mm"), rows, "facts"))
-    return (f'<ul class="places">{buttons}</ul>' if buttons else "") + listed
+class StageLine(NamedTuple):
+    """A stage of the run: what it took, told and came from."""
+
+    label: object
+    use: object
+    version: object
+    status: str
+    seconds: float | None
+    memory: float | None
+    share_of_time: str | None
+    share_of_memory: str | None
+    gist: str
+    facts: list[tuple[str, Any]]
+    origin: list[tuple[str, Any]]
+    warnings: list[str]
 
 
-def _stages(stages: list[Mapping[str, Any]]) -> str:
+def _stages(stages: Sequence[Mapping[str, Any]], declared: Declared) -> list[StageLine]:
     longest, largest = (max((stage.get(key) or 0 for stage in stages), default=0) for key in _MEASURED)
-    head = ("Stage", "Status", "Time", "Memory", "Facts")
-    return table(head, (_stage_row(stage, longest, largest) for stage in stages), "stages sortable")
+    return [_stage(stage, longest, largest, declared) for stage in stages]
 
 
 _MEASURED = ("seconds", "peak_memory_bytes")
 
 
-def _stage_row(stage: Mapping[str, Any], longest: float, largest: float) -> tuple[str | Number, ...]:
-    label, used = stage.get("label"), stage.get("stage")
-    named = f"<strong>{text_of(label)}</strong>" + (f"<br>{text_of(used)}" if used != label else "")
+def _stage(stage: Mapping[str, Any], longest: float, largest: float, declared: Declared) -> StageLine:
     reused = stage.get("reused")
-    status = NOTHING if reused is None else "reused" if reused else "run"
     seconds, memory = (stage.get(key) for key in _MEASURED)
-    return (
-        f"{named}<br><small>version {text_of(stage.get('version'))}</small>",
-        f'<span class="{status}">{status}</span>',
-        Number(to_duration(seconds) + _share(seconds, longest), seconds),
-        Number(to_size(memory) + _share(memory, largest), memory),
-        _stage_facts(stage),
+    summary = stage.get("summary") or {}
+    facts = [(key, summary[key]) for key in current_keys(summary, declared)]
+    return StageLine(
+        label=stage.get("label"),
+        use=stage.get("stage"),
+        version=stage.get("version"),
+        status=NOTHING if reused is None else "reused" if reused else "run",
+        seconds=seconds,
+        memory=memory,
+        share_of_time=_share(seconds, longest),
+        share_of_memory=_share(memory, largest),
+        gist=_gist(facts),
+        facts=facts,
+        origin=_origin(stage),
+        warnings=[f"warning: {message}" for message in stage.get("warnings") or ()],
     )
 
 
-def _share(value: float | None, whole: float) -> str:
-    """Return a bar as long as the share of the greatest."""
-    return f'<span class="share" style="--part: {100.0 * value / whole:.0f}%"></span>' if value and whole else ""
+def _share(value: float | None, whole: float) -> str | None:
+    """Return the share of the greatest, per cent."""
+    return f"{100.0 * value / whole:.0f}" if value and whole else None
 
 
-def _stage_facts(stage: Mapping[str, Any]) -> str:
-    facts = ((text_of(key), text_of(value)) for key, value in (stage.get("summary") or {}).items())
+def _origin(stage: Mapping[str, Any]) -> list[tuple[str, Any]]:
+    """Return the parameters of a stage, the hashes of what it read and wrote, and its seed."""
     origin = {
+        **(stage.get("parameters") or {}),
         **{f"reads {slot}": digest for slot, digest in (stage.get("inputs") or {}).items()},
         **{f"file {name}": digest for name, digest in (stage.get("input_files") or {}).items()},
         f"writes {to_text(stage.get('slot'))}": stage.get("output"),
         "seed": to_name(stage.get("seed")),
     }
-    parameters = stage.get("parameters") or {}
-    rows = ((text_of(key), f"<code>{text_of(value)}</code>") for key, value in {**parameters, **origin}.items())
-    return (
-        folded(_gist(stage), table((), facts, "facts"))
-        + folded("parameters, hashes", table((), rows, "facts"))
-        + items(f"warning: {message}" for message in stage.get("warnings") or ())
-    )
+    return list(origin.items())
 
 
-def _gist(stage: Mapping[str, Any]) -> str:
+def _gist(facts: list[tuple[str, Any]]) -> str:
     """Return the first short facts of a stage in a line."""
-    facts = ((key, to_text(value)) for key, value in (stage.get("summary") or {}).items())
-    short = [f"{key} {value}" for key, value in facts if len(value) <= _SHORT]
-    return escape(", ".join(short[:3])) or "facts"
+    short = [f"{key} {text}" for key, text in ((key, to_text(value)) for key, value in facts) if len(text) <= _SHORT]
+    return ", ".join(short[:3]) or "facts"
 
 
-def _config(sources: Sources) -> str:
-    config = sources.record.get("config")
+def _record(sources: Sources, declared: Declared) -> dict[str, object]:
+    """Return what the run came from, and how it is made again."""
+    record = sources.record
+    config, files = record.get("config"), record.get("files") or {}
     text = sources.config or json.dumps(config, indent=2, ensure_ascii=False, default=str) if config else ""
-    return f"<pre>{escape(text)}</pre>" if text else ""
-
-
-def _files(files: Mapping[str, Mapping[str, Any]]) -> str:
-    rows = (
-        (
-            text_of(name),
-            Number(to_size(facts.get("bytes")), facts.get("bytes")),
-            f"<code>{text_of(facts.get('sha256'))}</code>",
-        )
-        for name, facts in files.items()
-    )
-    return table(("File", "Size", "SHA-256"), rows, "files sortable")
-
-
-def _provenance(record: Mapping[str, Any]) -> str:
-    facts = {
-        "Seed": to_name(record.get("seed")),
-        "SHA-256 of the configuration": record.get("config_sha256"),
-        **{str(key).capitalize(): value for key, value in (record.get("platform") or {}).items()},
+    platform = ((str(key).capitalize(), value) for key, value in (record.get("platform") or {}).items())
+    versions = record.get("versions") or {}
+    return {
+        "stages": _stages(list(record.get("stages") or ()), declared),
+        "warnings": list(record.get("warnings") or ()),
+        "config": text,
+        "files": [
+            (name, Cell(to_size(facts.get("bytes")), facts.get("bytes")), facts.get("sha256"))
+            for name, facts in files.items()
+        ],
+        "facts": [
+            ("Seed", to_name(record.get("seed"))),
+            ("SHA-256 of the configuration", record.get("config_sha256")),
+            *platform,
+        ],
+        "versions": list(versions.items()),
+        "version": versions.get(TITLE),
+        "inputs": needed_files(record),
+        "citations": CITATIONS,
     }
-    return _codes(facts.items()) + folded("Versions of libraries", _codes((record.get("versions") or {}).items()))
-
-
-def _codes(facts: Iterable[tuple[object, object]]) -> str:
-    return table((), ((text_of(key), f"<code>{text_of(value)}</code>") for key, value in facts), "facts")
-
-
-_SECTION = "Section across {axis}"
-_SEEN = "The solid is filled, the outer shape a line; axes, place and scale stand below each."
-_HOW_TO_VIEW = (
-    '<p class="none">There is no 3-D view: the stage <code>draw_solid</code>, last in a config, makes one.</p>\n'
-)

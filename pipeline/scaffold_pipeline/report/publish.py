@@ -27,6 +27,7 @@ from scaffold_pipeline.config.plan import Plan
 from scaffold_pipeline.config.yaml_source import to_yaml
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.processes.threads import thread_count
+from scaffold_pipeline.report.declared import DECLARED, declared_by, in_order, used_by
 from scaffold_pipeline.report.page import render_page
 from scaffold_pipeline.report.sources import CONFIG, MEASURES, METRICS, PAGE, RECORD, read_record, read_sources
 from scaffold_pipeline.run.records import config_hash
@@ -44,13 +45,15 @@ def publish(plan: Plan, result: RunResult, out: Path) -> dict[str, Any]:
         staging = Path(folder)
         for name, digest in result.files.items():
             store.copy_file(digest, staging / name)
-        metrics = run_metrics(result)
+        declared = declared_by([(step.label, step.stage) for step in plan.steps], {step.slot for step in plan.steps})
+        metrics = in_order(run_metrics(result), declared)
         _write_json(staging / METRICS, metrics)
         details = result.metrics.details() if result.metrics else {}
         if any(details.values()):
             _write_json(staging / MEASURES, details)
         (staging / CONFIG).write_text(to_yaml(plan.resolved()), encoding="utf-8")
         record = _record(plan, result, staging)
+        record[DECLARED] = used_by(declared, metrics, record["files"]).to_json()
         _write_page(staging, record)
         _write_json(staging / RECORD, record)
         _replace(out, staging, record)
@@ -100,7 +103,7 @@ def _staging(out: Path) -> TemporaryDirectory[str]:
 
 
 def run_metrics(result: RunResult) -> dict[str, Fact]:
-    """Return the flat metrics of a run: what `measure` found, the time and the memory that it took."""
+    """Return the flat metrics of a run: what was measured, the time and the memory that it took."""
     measured = result.metrics.summary() if result.metrics else {"quality": "not measured"}
     peak = max(step.peak_memory_bytes for step in result.steps)
     seconds = round(sum(step.seconds for step in result.steps), 3)

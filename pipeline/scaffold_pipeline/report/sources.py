@@ -10,6 +10,7 @@ from typing import Any
 
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.errors import PipelineError
+from scaffold_pipeline.report.declared import declared_of
 from scaffold_pipeline.run.store import hash_file
 
 RECORD = "run.json"
@@ -18,7 +19,6 @@ MEASURES = "measures.json"
 """Distributions, curves and findings: what is not a number under a key."""
 CONFIG = "config.yaml"
 PAGE = "report.html"
-VIEW = "view.npz"
 
 _PICTURES = (".png", ".svg")
 
@@ -64,14 +64,15 @@ def read_sources(folder: Path, record: Mapping[str, Any]) -> Sources:
     for name in (METRICS, MEASURES, CONFIG):
         if name in files and name not in whole:
             raise PipelineError(f"{folder / name}: is not the file that the run wrote; run the config again")
-    drawn = [name for name in files if name.endswith(_PICTURES) or name == VIEW]
+    views = {drawing.file for drawing in declared_of(record).drawings if drawing.place == "view"}
+    drawn = [name for name in files if name.endswith(_PICTURES) or name in views]
     return Sources(
         record={**record, "files": files},
         metrics=_json(folder / METRICS) if METRICS in files else {},
         measures=_json(folder / MEASURES) if MEASURES in files else {},
         config=(folder / CONFIG).read_text(encoding="utf-8") if CONFIG in files else "",
-        pictures={name: (folder / name).read_bytes() for name in drawn if name in whole and name != VIEW},
-        view=(folder / VIEW).read_bytes() if VIEW in whole else None,
+        pictures={name: (folder / name).read_bytes() for name in drawn if name in whole and name not in views},
+        view=next(((folder / name).read_bytes() for name in drawn if name in views & whole), None),
         missing=tuple(name for name in drawn if name not in whole),
     )
 

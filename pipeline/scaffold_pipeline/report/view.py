@@ -1,4 +1,4 @@
-"""The solid in 3-D as a part of the page: what `view.npz` holds, packed, and the controls of `viewer.js`."""
+"""The solid in 3-D as a part of the page: what `view.npz` holds, packed, and what `view.html.j2` shows of it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_pipeline.report.markup import harmless_json, text_of
 from scaffold_pipeline.report.wording import to_text
 
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
@@ -82,36 +81,62 @@ def _values(arrays: Arrays) -> NDArray[np.float64]:
     return values
 
 
-def draw_view(view: View, findings: Sequence[Mapping[str, Any]], name: str) -> str:
-    """Return the 3-D view: its controls, hidden until the script finds that it can draw, and what it draws.
+class Mark(NamedTuple):
+    """A finding whose places the view marks: its number among all, its rule, its colour, and how many places."""
 
-    `findings` are those of `measures.json`; `name` is escaped already.
-    """
+    number: int
+    rule: object
+    colour: str
+    places: int
+
+
+@dataclass(frozen=True)
+class DrawnView:
+    """What `view.html.j2` shows: the facts for the script, and the packed arrays in text."""
+
+    facts: Mapping[str, Any]
+    packed: str
+    has_thickness: bool
+    has_outer: bool
+    marks: tuple[Mark, ...]
+    extent: str
+    legend: tuple[str, ...]
+    summary: str
+
+
+def draw_view(view: View, findings: Sequence[Mapping[str, Any]]) -> DrawnView:
+    """Return the 3-D view of a solid, `findings` being those of `measures.json`."""
     everything = np.concatenate([view.vertices, view.outer_vertices])
     low, size = everything.min(axis=0), np.ptp(everything, axis=0)
     scale = float(size.max()) or 1.0
     ends = np.percentile(view.thickness, _ENDS).tolist() if len(view.thickness) else None
-    facts = {
-        "vertices": len(view.vertices),
-        "faces": len(view.faces),
-        "outerVertices": len(view.outer_vertices),
-        "outerFaces": len(view.outer_faces),
-        "low": low.tolist(),
-        "size": size.tolist(),
-        "scale": scale,
-        "thickness": ends,
-        "findings": [_mark_finding(finding, number) for number, finding in enumerate(findings)],
-        "ramp": RAMP,
-        "bone": _BONE,
-        "cap": _CAP,
-        "glass": _GLASS,
-    }
-    packed = b64encode(_pack_view(view, low, scale, ends)).decode()
-    return (
-        f'<div id="view" hidden>\n{_controls(view, findings)}\n{_stage(name, size.tolist())}\n{_legend(ends)}'
-        f'<p class="meaning" id="view-help">{_HELP} {_view_summary(view)}</p>\n</div>\n'
-        f'<p class="none" id="view-none" hidden></p>\n{harmless_json("view-facts", facts)}\n'
-        f'<script type="text/plain" id="view-data">{packed}</script>'
+    marks = [
+        Mark(number, finding.get("rule"), colour_of(number), len(places_of(finding)[:MOST_PLACES]))
+        for number, finding in enumerate(findings)
+    ]
+    return DrawnView(
+        facts={
+            "vertices": len(view.vertices),
+            "faces": len(view.faces),
+            "outerVertices": len(view.outer_vertices),
+            "outerFaces": len(view.outer_faces),
+            "low": low.tolist(),
+            "size": size.tolist(),
+            "scale": scale,
+            "thickness": ends,
+            "findings": [_mark_finding(finding, number) for number, finding in enumerate(findings)],
+            "ramp": RAMP,
+            "bone": _BONE,
+            "cap": _CAP,
+            "glass": _GLASS,
+        },
+        packed=b64encode(_pack_view(view, low, scale, ends)).decode(),
+        has_thickness=bool(len(view.thickness)),
+        has_outer=bool(len(view.outer_faces)),
+        marks=tuple(mark for mark in marks if mark.places),
+        extent=" \u00d7 ".join(to_text(length) for length in size.tolist()),
+        legend=_legend(ends),
+        summary=_view_summary(view),
     )
 
 
@@ -146,54 +171,11 @@ def _mark_finding(finding: Mapping[str, Any], number: int) -> dict[str, Any]:
     return {"colour": colour_of(number), "places": places_of(finding)[:MOST_PLACES]}
 
 
-def _controls(view: View, findings: Sequence[Mapping[str, Any]]) -> str:
-    colours = (
-        '<label>Colour <select id="view-colour"><option value="thickness">strut thickness</option>'
-        '<option value="bone">bone</option></select></label>'
-    )
-    outer = '<label><input type="checkbox" id="view-outer" checked> Outer shape</label>'
-    axes = "".join(f'<option value="{axis}">across {axis}</option>' for axis in "xyz")
-    marks = "".join(
-        f'<label class="mark" style="--own: {colour_of(number)}">'
-        f'<input type="checkbox" id="view-finding-{number}" checked> '
-        f"{text_of(finding.get('rule'))} ({len(places_of(finding)[:MOST_PLACES])})</label>"
-        for number, finding in enumerate(findings)
-        if places_of(finding)
-    )
-    return (
-        '<div class="controls">'
-        f"{colours if len(view.thickness) else ''}{outer if len(view.outer_faces) else ''}"
-        f'<label>Cut <select id="view-axis"><option value="">nowhere</option>{axes}</select></label>'
-        '<span id="view-plane" hidden><label>at <input type="range" id="view-cut"></label> '
-        '<output id="view-place" for="view-cut"></output> '
-        '<label><input type="checkbox" id="view-flip"> other side</label></span>'
-        + (f'<fieldset class="marks"><legend>Marked places</legend>{marks}</fieldset>' if marks else "")
-        + "</div>"
-    )
-
-
-def _stage(name: str, size: list[float]) -> str:
-    extent = " \u00d7 ".join(to_text(length) for length in size)
-    return (
-        '<div id="view-stage"><canvas id="view-canvas" tabindex="0" role="application" '
-        f'aria-label="The solid {name} in 3-D, {extent} mm" aria-describedby="view-help"></canvas>'
-        '<span class="buttons"><button type="button" id="view-reset">Reset</button> '
-        '<button type="button" id="view-full">Full screen</button></span>'
-        '<div id="view-bar" aria-hidden="true"></div></div>'
-    )
-
-
-def _legend(ends: list[float] | None) -> str:
+def _legend(ends: list[float] | None) -> tuple[str, ...]:
     if ends is None:
-        return ""
+        return ()
     low, high = ends
-    told = (f"{low:.3g} or less", f"{(low + high) / 2.0:.3g}", f"{high:.3g} or more")
-    marks = "".join(f"<span>{text}</span>" for text in told)
-    return (
-        '<div id="view-legend"><span>Strut thickness, mm</span>'
-        f'<div><div class="ramp" style="background: linear-gradient(to right, {", ".join(RAMP)})"></div>'
-        f'<div class="marks">{marks}</div></div></div>\n'
-    )
+    return f"{low:.3g} or less", f"{(low + high) / 2.0:.3g}", f"{high:.3g} or more"
 
 
 def _view_summary(view: View) -> str:
@@ -202,9 +184,3 @@ def _view_summary(view: View) -> str:
         return f"All {to_text(whole)} triangles are shown."
     told = f"{to_text(shown)} triangles are shown of {to_text(whole)}"
     return f"Simplified for this page: {told}; the files have all of them."
-
-
-_HELP = (
-    "Drag, or use the arrow keys, to turn it; then the wheel, or two fingers, + and \u2212, make it larger and "
-    "smaller; drag with Shift, or Shift and arrow keys, to move it; Home shows it as at first."
-)

@@ -1,39 +1,63 @@
-"""The window of the certificate as a picture: an SVG bar for the page."""
+"""The window of the certificate as a bar of a page: where its bands and marks lie; `charts.html.j2` draws it."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from html import escape
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.report.wording import to_text
 
 
-def draw_window(metrics: Mapping[str, Fact]) -> str:
-    """Return the certificate's window as a bar: where channels close, where struts break, and the iso-value."""
+class Band(NamedTuple):
+    """A part of the bar: `open` where all is well, `closed` or `broken`."""
+
+    kind: str
+    x: float
+    width: float
+
+
+class Mark(NamedTuple):
+    """A line across the bar, and its label."""
+
+    x: float
+    top: float
+    bottom: float
+    text_x: float
+    text_y: float
+    anchor: str
+    label: str
+
+
+class Window(NamedTuple):
+    """The bar, and what it says in a sentence."""
+
+    bands: tuple[Band, ...]
+    marks: tuple[Mark, ...]
+    judgement: str
+
+
+def draw_window(metrics: Mapping[str, Fact]) -> Window | None:
+    """Return the certificate's window: where channels close, where struts break, the iso-value; None without one."""
     closed, broken, iso = (_finite(metrics.get(key)) for key in ("channel_max", "strut_min", "iso"))
     if closed is None or broken is None:
-        return ""
+        return None
     known = [-1.0, 1.0, closed, broken, *([] if iso is None else [iso])]
     scale = _Scale(min(known), max(known))
     marks = [
-        scale.mark(closed, 16, f"channel_max {to_text(closed)}: all channels open above"),
-        scale.mark(broken, 34, f"strut_min {to_text(broken)}: all struts whole below"),
+        scale.mark(closed, 16.0, f"channel_max {to_text(closed)}: all channels open above"),
+        scale.mark(broken, 34.0, f"strut_min {to_text(broken)}: all struts whole below"),
     ]
     if iso is not None:
-        marks.append(scale.mark(iso, 92, f"iso {to_text(iso)}"))
-    return (
-        f'<figure class="window"><svg viewBox="0 0 {_Scale.WIDTH:g} 100" role="img" '
-        'aria-label="The iso-value in the window of the certificate">'
-        + scale.band(scale.low, scale.high, "open")
-        + scale.band(scale.low, closed, "closed")
-        + scale.band(broken, scale.high, "broken")
-        + "".join(marks)
-        + f"</svg>\n<figcaption>{_judgement(closed, broken, iso)}</figcaption></figure>"
+        marks.append(scale.mark(iso, 92.0, f"iso {to_text(iso)}"))
+    bands = (
+        scale.band(scale.low, scale.high, "open"),
+        scale.band(scale.low, closed, "closed"),
+        scale.band(broken, scale.high, "broken"),
     )
+    return Window(bands, tuple(marks), _judgement(closed, broken, iso))
 
 
 @dataclass(frozen=True)
@@ -49,19 +73,16 @@ class _Scale:
     def place(self, value: float) -> float:
         return self.EDGE + (value - self.low) / (self.high - self.low) * (self.WIDTH - 2.0 * self.EDGE)
 
-    def band(self, start: float, end: float, kind: str) -> str:
+    def band(self, start: float, end: float, kind: str) -> Band:
         x = self.place(start)
-        return f'<rect class="{kind}" x="{x:.1f}" y="44" width="{self.place(end) - x:.1f}" height="24"/>'
+        return Band(kind, x, self.place(end) - x)
 
-    def mark(self, value: float, y: float, label: str) -> str:
+    def mark(self, value: float, y: float, label: str) -> Mark:
         """Return a line across the bar and its label at height `y`, beside the line where there is more room."""
         x = self.place(value)
         anchor, shift = ("start", 5.0) if x < self.WIDTH / 2.0 else ("end", -5.0)
         top, bottom = (38.0, y + 4.0) if y > 44.0 else (y - 10.0, 74.0)  # below or above the bar
-        return (
-            f'<line x1="{x:.1f}" y1="{top:g}" x2="{x:.1f}" y2="{bottom:g}"/>'
-            f'<text x="{x + shift:.1f}" y="{y:g}" text-anchor="{anchor}">{escape(label)}</text>'
-        )
+        return Mark(x, top, bottom, x + shift, y, anchor, label)
 
 
 def _judgement(closed: float, broken: float, iso: float | None) -> str:

@@ -13,12 +13,12 @@ NOTHING = "\u2013"
 
 
 def to_text(value: object) -> str:
-    """Return a fact for people: four digits of a number, more where it is almost 1; yes or no; a dash for None.
+    """Return a fact for people: four digits of a number, more where it is almost 1; yes or no; a dash for none.
 
-    >>> [to_text(value) for value in (0.65432, 0.99998, 1234567, 12345.6, True, None)]
-    ['0.6543', '0.99998', '1\u202f234\u202f567', '12\u202f346', 'yes', '\u2013']
+    >>> [to_text(value) for value in (0.65432, 0.99998, 1234567, 12345.6, True, None, [1.0, 2.34567])]
+    ['0.6543', '0.99998', '1\u202f234\u202f567', '12\u202f346', 'yes', '\u2013', '1, 2.346']
     """
-    if value is None or value == "":
+    if value in (None, "", []):
         return NOTHING
     if isinstance(value, bool):
         return "yes" if value else "no"
@@ -29,7 +29,7 @@ def to_text(value: object) -> str:
         if is_large and abs(value) < 1e15:  # above, an exponent reads better
             return to_text(round(value))
         return f"{value:.4g}" if value == 1.0 or f"{value:.4g}" != "1" else f"{value:.9g}"
-    return str(value)
+    return ", ".join(map(to_text, value)) if isinstance(value, list) else str(value)
 
 
 def to_name(number: object) -> str | None:

@@ -1,22 +1,13 @@
-"""What the installed stages are and take, told from their contracts: the stage list, the README's table, the schema."""
+"""What the installed stages are, take and tell: the stage list, the README's tables, the schema."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
-from scaffold_pipeline.errors import ConfigError, Fault, StageDefinitionError
+from scaffold_pipeline.artifacts import Metric
+from scaffold_pipeline.errors import ConfigError, Fault
 from scaffold_pipeline.stages.contract import Follows, Stage, Unit
-from scaffold_pipeline.stages.registry import load_stage, stage_names
-
-
-def installed_stages() -> Iterator[Stage | StageDefinitionError]:
-    """Yield every installed stage by name, or the error that keeps one from being loaded."""
-    for name in stage_names():
-        try:
-            yield load_stage(name)
-        except StageDefinitionError as error:
-            yield error
+from scaffold_pipeline.stages.registry import installed_stages, load_stage
 
 
 def require_stage(name: str) -> Stage:
@@ -33,6 +24,11 @@ def describe(stage: Stage) -> str:
     lines = [stage.name, f"  {stage.summary}", f"  reads: {reads or '-'}", f"  writes: {stage.writes}", "  parameters:"]
     for name, text in describe_parameters(stage).items():
         lines += [f"    {name}: {text['type']}, {text['default']}", f"        {text['meaning']}"]
+    metrics = [metric for metric in stage.reports.metrics if not metric.instead]
+    lines += ["  metrics:"] if metrics else []
+    lines += [f"    {metric.key}{f', {metric.unit}' if metric.unit else ''}: {metric.title}" for metric in metrics]
+    lines += ["  quality gates:"] if stage.reports.gates else []
+    lines += [f"    {gate.name}, switched by {gate.switch}: {gate.passed}" for gate in stage.reports.gates]
     return "\n".join(lines)
 
 
@@ -44,6 +40,21 @@ def markdown_table() -> str:
             reads = ", ".join(stage.reads) or "-"
             parameters = ", ".join(f"`{name}`" for name in stage.params.model_fields) or "-"
             rows.append(f"| `{stage.name}` | {stage.summary} | {reads} | {stage.writes} | {parameters} |")
+    return "\n".join(rows)
+
+
+def metrics_table() -> str:
+    """Return the table of metrics that the README shows: a row for all that are computed in the same way."""
+    stages = [stage for stage in installed_stages() if isinstance(stage, Stage)]
+    metrics = [metric for stage in stages for metric in stage.reports.metrics if metric.method and not metric.instead]
+    by_method: dict[str, dict[Metric, None]] = {}
+    for metric in metrics:
+        by_method.setdefault(metric.method, {})[metric] = None
+    rows = ["| keys | BoneJ, CTAn | how, and how far off |", "|---|---|---|"]
+    for method, group in by_method.items():
+        keys = ", ".join(f"`{metric.key}`" for metric in group)
+        symbols = ", ".join(dict.fromkeys(metric.symbol for metric in group if metric.symbol))
+        rows.append(f"| {keys} | {symbols} | {method} |")
     return "\n".join(rows)
 
 

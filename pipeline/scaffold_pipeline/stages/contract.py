@@ -28,7 +28,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
 
-from scaffold_pipeline.artifacts import Artifact
+from scaffold_pipeline.artifacts import Artifact, Drawing, Gate, Metric
 from scaffold_pipeline.errors import StageDefinitionError
 from scaffold_pipeline.stages.libraries import imported_libraries
 
@@ -134,6 +134,15 @@ class Read:
 
 
 @dataclass(frozen=True)
+class Reports:
+    """What a stage says of what it gives, for the tables of pages and the README."""
+
+    metrics: tuple[Metric, ...] = ()
+    gates: tuple[Gate, ...] = ()
+    drawings: tuple[Drawing, ...] = ()
+
+
+@dataclass(frozen=True)
 class Stage:
     """A checked stage: what the plan and the runner know of it."""
 
@@ -147,6 +156,12 @@ class Stage:
     engine_arguments: frozenset[str]
     unseen_libraries: tuple[str, ...]
     is_repeatable: bool
+    reports: Reports = Reports()
+
+    @property
+    def requires(self) -> set[str]:
+        """The slots that it cannot do without."""
+        return {argument for argument, read in self.reads.items() if not read.optional}
 
     @property
     def summary(self) -> str:
@@ -174,10 +189,18 @@ class _Declaration:
     version: int
     libraries: tuple[str, ...]
     is_repeatable: bool
+    reports: Reports
 
 
-def stage(
-    *, writes: str, version: int, libraries: Collection[str] = (), repeatable: bool = True
+def stage(  # noqa: PLR0913 - all by name, each a declaration of its own
+    *,
+    writes: str,
+    version: int,
+    libraries: Collection[str] = (),
+    repeatable: bool = True,
+    metrics: Collection[Metric] = (),
+    gates: Collection[Gate] = (),
+    drawings: Collection[Drawing] = (),
 ) -> Callable[[StageFunction], StageFunction]:
     """Declare a function to be a stage that writes slot `writes`; it stays a plain callable function.
 
@@ -186,10 +209,14 @@ def stage(
     import (`Stage.libraries`). `libraries` is needed only for installed distributions, by their names, which no import
     shows, as what is loaded by a computed name.
     What is not `repeatable` gives something else at each call, as a library may: then only what is stored is the same.
+    `metrics` are the keys that it measures or hands on as facts, `gates` those that it judges by, `drawings` the files
+    that pages show: none of these changes what is stored.
     """
+    reports = Reports(tuple(metrics), tuple(gates), tuple(drawings))
+    declaration = _Declaration(writes, version, (*libraries,), repeatable, reports)
 
     def declare(function: StageFunction) -> StageFunction:
-        setattr(function, _DECLARATION, _Declaration(writes, version, (*libraries,), repeatable))
+        setattr(function, _DECLARATION, declaration)
         return function
 
     return declare
@@ -210,6 +237,7 @@ def stage_from_function(name: str, function: object) -> Stage:
     _require_single_files(name, params)
     for library in declaration.libraries:
         _version(name, library)
+    _require_switches(name, params, declaration.reports.gates)
     return Stage(
         name=name,
         function=function,
@@ -221,6 +249,7 @@ def stage_from_function(name: str, function: object) -> Stage:
         engine_arguments=_ENGINE_ARGUMENTS & set(arguments),
         unseen_libraries=declaration.libraries,
         is_repeatable=declaration.is_repeatable,
+        reports=declaration.reports,
     )
 
 
@@ -249,6 +278,14 @@ def _require_single_files(name: str, params: type[Params]) -> None:
         members = typing.get_args(annotation) if _is_union(annotation) else (annotation,)
         if not set(members) <= {InputFile, Path, NoneType}:
             raise StageDefinitionError(f"stage {name!r}: parameter {parameter!r} must be one InputFile, not several")
+
+
+def _require_switches(name: str, params: type[Params], gates: Collection[Gate]) -> None:
+    for gate in gates:
+        if gate.switch not in params.model_fields:
+            raise StageDefinitionError(
+                f"stage {name!r}: gate {gate.name!r} is switched by {gate.switch!r}, which is no parameter of it"
+            )
 
 
 def _read(name: str, argument: str, hints: dict[str, Any]) -> Read:

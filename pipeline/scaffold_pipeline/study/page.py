@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import re
-from base64 import b64encode
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import quote
 
-from scaffold_pipeline.report.markup import TABLES, document, harmless_json, section, table, text_of
+from scaffold_pipeline.artifacts import Declared
+from scaffold_pipeline.report.declared import declared_here, stages_that_draw
+from scaffold_pipeline.report.rendering import render, to_data_uri
 from scaffold_pipeline.report.wording import failed_gates, to_name, to_text
 from scaffold_pipeline.run.store import write_atomically
 from scaffold_pipeline.study.file import Study
@@ -38,7 +38,6 @@ _MOST_VALUES = 12
 MOST_ON_SHEET = 120
 """Points on `sheet.png`: with more it is larger than what programs open."""
 
-_SCRIPT = Path(__file__).parents[1] / "report" / "study_page.js"
 _VERDICTS = {
     "pass": "passed",
     "fail": "failed a quality gate",
@@ -55,6 +54,7 @@ class Card:
 
     state: PointState
     caption: str
+    declared: Declared
 
     @property
     def verdict(self) -> str:
@@ -67,7 +67,8 @@ class Card:
     @property
     def told(self) -> str:
         """What was measured and what became of the point, in words; the table has the whole of each gate."""
-        facts = {key: self.state.metrics.get(key) for key in ("porosity", "iso")}
+        metrics = self.state.metrics
+        facts = {metric.key: metrics[metric.key] for metric in self.declared.shown_in("caption", metrics)}
         ends = {
             "pass": "quality pass",
             "fail": f"quality gates failed: {', '.join(gate.partition(':')[0] for gate in self.state.gates)}",
@@ -82,29 +83,39 @@ def write_page(out: Path, study: Study, states: Sequence[PointState], points: st
 
     Without any picture there is no sheet.
     """
+    declared = declared_here()
     captions = {point.name: point.caption for point in study.points}
-    cards = [Card(state, captions[state.name]) for state in states]
-    shown: list[str] = []
+    cards = [Card(state, captions[state.name], declared) for state in states]
+    shown: list[ShownCard] = []
     cells: list[Cell] = []
-    has_pictures = False
     for card in cards:
-        pictures = _pictures(card.state, out / points / card.state.name)
-        shown.append(_card(card, pictures, f"{points}/{quote(card.state.name)}"))
-        has_pictures |= bool(pictures)
+        pictures = _pictures(card, out / points / card.state.name)
+        shown.append(_show(card, pictures, f"{points}/{quote(card.state.name)}"))
         if len(cells) < MOST_ON_SHEET:
             cells.append(_cell(card, pictures))
     has_sheet = _write_sheet(out / SHEET, study.name, cells, len(cards))
-    intro = _SHEET_LINK if has_sheet else "" if has_pictures else _NO_PICTURES
-    is_told = has_pictures or any(captions.values())
-    page = _page(study, cards, intro + (f'<div class="cards">\n{"".join(shown)}\n</div>' if is_told else ""))
+    has_pictures = any(card.pictures for card in shown)
+    page = render(
+        "study.html.j2",
+        styles=("page.css", "study.css"),
+        scripts=("tables.js", "study_page.js"),
+        **_headline(study, cards),
+        sheet=SHEET if has_sheet else None,
+        has_pictures=has_pictures,
+        drawing_stages=() if has_pictures else stages_that_draw(".png"),
+        shows_cards=has_pictures or any(captions.values()),
+        cards=shown,
+        **_table(study, cards),
+    )
     write_atomically(out / PAGE, lambda stream: stream.write(page.encode()))
 
 
-def _pictures(state: PointState, folder: Path) -> dict[str, Image | None]:
+def _pictures(card: Card, folder: Path) -> dict[str, Image | None]:
     """Return the pictures among the files of a run, made small; None for one that cannot be read."""
     from scaffold_pipeline.report.contact_sheet import in_order, thumbnail
 
-    return {name: thumbnail(folder / name) for name in in_order(list(state.record.get("files", ())))}
+    names = in_order(list(card.state.record.get("files", ())), card.declared.drawings)
+    return {name: thumbnail(folder / name) for name in names}
 
 
 def _cell(card: Card, pictures: Mapping[str, Image | None]) -> Cell:
@@ -127,131 +138,89 @@ def _write_sheet(path: Path, name: str, cells: Sequence[Cell], count: int) -> bo
     return True
 
 
-def _page(study: Study, cards: Sequence[Card], contact_sheet: str) -> str:
-    states = [card.state for card in cards]
-    titles, rows = to_table(study.columns, states)
-    sections = (
-        _headline(study, cards),
-        section("Contact sheet", contact_sheet),
-        section("Table", _table(titles, rows)),
-        _PLOT,
-        _data(titles, len(study.columns), rows),
-    )
-    script = TABLES.read_text(encoding="utf-8") + _SCRIPT.read_text(encoding="utf-8")
-    return document(study.name, sections, style=_STYLE, script=script)
+class Verdict(NamedTuple):
+    """What became of some points, for the style and in words."""
+
+    kind: str
+    words: str
 
 
-def _headline(study: Study, cards: Sequence[Card]) -> str:
+def _headline(study: Study, cards: Sequence[Card]) -> dict[str, object]:
     counts = Counter(card.verdict for card in cards)
-    verdicts = "".join(
-        f'<p class="verdict {_COLOURS.get(kind, "unknown")}">{counts[kind]} {words}</p>'
+    verdicts = [
+        Verdict(_COLOURS.get(kind, "unknown"), f"{counts[kind]} {words}")
         for kind, words in _VERDICTS.items()
         if counts[kind]
-    )
-    varied = "".join(
-        f"<li><code>{text_of(name)}</code>: {values}</li>" for name, values in _varied_values(study, cards)
-    )
-    return (
-        f'<header>\n<h1>{text_of(study.name)}</h1>\n<div class="verdicts">{verdicts}</div>\n'
-        f'<p class="told">{text_of(study.caption) if study.caption else ""}</p>\n'
-        f'<ul class="told">{varied}</ul>\n</header>'
-    )
+    ]
+    varied = list(_varied_values(study, cards))
+    return {"name": study.name, "caption": study.caption, "verdicts": verdicts, "varied": varied}
 
 
 def _varied_values(study: Study, cards: Sequence[Card]) -> Iterator[tuple[str, str]]:
-    """Yield what varied, each with its values, escaped."""
+    """Yield what varied, each with its values."""
     for column in study.columns:
         values = dict.fromkeys(to_cell(card.state.varied.get(column)) or "left out" for card in cards)
-        yield column, escape(", ".join(values)) if len(values) <= _MOST_VALUES else f"{len(values)} values"
+        yield column, ", ".join(values) if len(values) <= _MOST_VALUES else f"{len(values)} values"
 
 
-def _card(card: Card, pictures: Mapping[str, Image | None], folder: str) -> str:
+class ShownPicture(NamedTuple):
+    """A small picture that leads to the whole; without a source it cannot be read."""
+
+    link: str
+    about: str
+    source: str
+
+
+class ShownCard(NamedTuple):
+    """A point as the page shows it; `page` leads to that of its run."""
+
+    name: str
+    page: str
+    caption: str
+    colour: str
+    told: str
+    pictures: list[ShownPicture]
+
+
+def _show(card: Card, pictures: Mapping[str, Image | None], folder: str) -> ShownCard:
     from scaffold_pipeline.report.contact_sheet import to_jpeg
 
-    name, shown = escape(card.state.name), []
-    for file, picture in pictures.items():
-        link, what = f"{folder}/{quote(file)}", escape(f"{card.state.name}: {file}")
-        source = f"data:image/jpeg;base64,{b64encode(to_jpeg(picture)).decode()}" if picture else ""
-        image = f'<img alt="{what}" src="{source}">' if source else f'<span class="none">{what} cannot be read</span>'
-        shown.append(f'<a href="{link}">{image}</a>')
-    drawn = "".join(shown) or '<span class="none">no picture</span>'
-    title = f'<a href="{folder}/report.html">{name}</a>' if card.state.status == "done" else name
-    caption = f"<p>{escape(card.caption)}</p>" if card.caption else ""
-    verdict = f'<p class="{_COLOURS.get(card.verdict, "unknown")}">{escape(card.told)}</p>'
-    return (
-        f'<figure class="card"><div class="pictures">{drawn}</div>'
-        f"<figcaption><h3>{title}</h3>{caption}{verdict}</figcaption></figure>"
+    name = card.state.name
+    return ShownCard(
+        name=name,
+        page=f"{folder}/report.html" if card.state.status == "done" else "",
+        caption=card.caption,
+        colour=_COLOURS.get(card.verdict, "unknown"),
+        told=card.told,
+        pictures=[
+            ShownPicture(
+                f"{folder}/{quote(file)}",
+                f"{name}: {file}",
+                to_data_uri("image/jpeg", to_jpeg(picture)) if picture else "",
+            )
+            for file, picture in pictures.items()
+        ],
     )
 
 
-def _table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    cells = [
-        [_shown(to_name(value) if title == "seed" else value) for title, value in zip(titles, row, strict=True)]
-        for row in rows
-    ]
-    heads = [re.sub(r"(?<=[._])", "<wbr>", escape(title)) for title in titles]
-    kind = "points" if len(titles) <= _MOST_ON_PAPER else "points too-wide"
-    return _TABLE_INTRO + table(heads, cells, kind)
+def _table(study: Study, cards: Sequence[Card]) -> dict[str, object]:
+    """Return the table for people, and for the script with what it plots first."""
+    titles, rows = to_table(study.columns, [card.state for card in cards])
+    plain = [[value if isinstance(value, int | float | None) else to_cell(value) for value in row] for row in rows]
+    first = next((metric.key for card in cards for metric in card.declared.shown_in("caption", titles)), "")
+    return {
+        "csv": TABLE,
+        "titles": [re.split(r"(?<=[._])", title) for title in titles],
+        "rows": [
+            [_shown(to_name(value) if title == "seed" else value) for title, value in zip(titles, row, strict=True)]
+            for row in rows
+        ],
+        "is_wide": len(titles) > _MOST_ON_PAPER,
+        "most": _LONG,
+        "data": {"titles": titles, "varied": len(study.columns), "rows": plain, "first": first},
+    }
 
 
 def _shown(value: object) -> str:
-    """Return a value as people read it, escaped; nothing where there is none, as in `table.csv`."""
-    if isinstance(value, bool | int | float):
-        return escape(to_text(value))
-    text = to_cell(value)
-    return escape(text) if len(text) <= _LONG else f'<div class="long">{escape(text)}</div>'
-
-
-def _data(titles: Sequence[str], varied: int, rows: Sequence[Sequence[object]]) -> str:
-    """Return the table for the script."""
-    plain = [[value if isinstance(value, int | float | None) else to_cell(value) for value in row] for row in rows]
-    return harmless_json("data", {"titles": titles, "varied": varied, "rows": plain})
-
-
-_SHEET_LINK = f'<p class="meaning">As one picture: <a href="{SHEET}">{SHEET}</a></p>\n'
-_NO_PICTURES = (
-    '<p class="none">No picture was drawn: the stages <code>draw_mesh</code>, <code>write_solid</code> and '
-    "<code>write_contour</code> draw them.</p>\n"
-)
-_TABLE_INTRO = (
-    f'<p class="meaning">For other programs: <a href="{TABLE}">{TABLE}</a></p>\n'
-    '<p id="filter" hidden><label>Points with the words <input type="search"></label> '
-    '<output class="meaning" aria-live="polite"></output></p>\n'
-)
-_PLOT = """<section id="plot" hidden>
-<h2>Plot</h2>
-<p><label>Of <select id="y"></select></label> <label>against <select id="x"></select></label>
-<label>lines by <select id="by"></select></label></p>
-<figure><svg role="img"></svg><figcaption></figcaption></figure>
-</section>
-<noscript><p class="none">Sorting, filtering and plotting need JavaScript; all is in the table.</p></noscript>"""
-
-_STYLE = """
-main { max-width: 90rem; }
-header ul { padding-left: 1.2rem; }
-.verdicts { display: flex; flex-wrap: wrap; gap: .5rem; }
-.cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(22rem, 1fr)); gap: 1.5rem; }
-.card { margin: 0; break-inside: avoid; }
-.pictures { display: flex; gap: .5rem; align-items: center; justify-content: center; min-height: 8rem;
-  padding: .5rem; background: #fff; border: 1px solid var(--line); border-radius: .5rem; }
-.pictures a { flex: 0 1 20rem; min-width: 0; }
-.pictures .none { color: #667080; }
-.pictures img { max-height: none; padding: 0; border: 0; border-radius: 0; }
-.card h3 { margin: .5rem 0 0; font-size: 1rem; overflow-wrap: anywhere; }
-.card p { margin: .25rem 0 0; }
-.points { font-size: .85rem; }
-.points th, .points td { padding-right: 1rem; overflow-wrap: break-word; }
-.points td:first-child { min-width: 12rem; }
-.points .long { width: 36rem; }
-polyline { fill: none; stroke: var(--own); stroke-width: 2.5; }
-circle { fill: var(--own); }
-.key { margin-left: .75rem; }
-.key::before { content: "\\25CF "; color: var(--own); }
-.g0 { --own: #c0392b; } .g1 { --own: #2f6f9f; } .g2 { --own: #24824a; }
-.g3 { --own: #a8741a; } .g4 { --own: #8e5aa8; } .g5 { --own: #4a8f95; }
-.g1 polyline { stroke-dasharray: 9 5; }
-@media screen and (prefers-color-scheme: dark) { .g0 { --own: #f0776a; } .g1 { --own: #7db4de; }
-  .g2 { --own: #6fce9a; } .g3 { --own: #e3b866; } .g4 { --own: #c79add; } .g5 { --own: #86c5ca; } }
-@media print { #filter, .too-wide { display: none; } .cards { grid-template-columns: 1fr 1fr; gap: .75rem; }
-  .points { font-size: 6pt; } .points th, .points td { padding-right: .25rem; overflow-wrap: anywhere; } }
-"""
+    """Return a value as people read it; nothing where there is none, as in `table.csv`."""
+    return to_text(value) if isinstance(value, bool | int | float) else to_cell(value)

@@ -39,7 +39,7 @@ class PointState:
     def gates(self) -> list[str]:
         """The quality gates that failed."""
         quality = self.metrics.get("quality", [])
-        return quality if isinstance(quality, list) else []
+        return [str(gate) for gate in quality] if isinstance(quality, list) else []
 
     @property
     def seconds(self) -> tuple[float, float]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scaffold_geometry.arrays import Floats
 from scaffold_geometry.fields.mesh_field import MeshField
 from scaffold_geometry.fields.sampling import Voxels
-from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.artifacts import Fact, Metric
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.memory import available_memory
 
@@ -71,6 +71,17 @@ def interpolate(elements: Elements, targets: Floats, method: Method) -> MeshFiel
         return values
 
     return MeshField(on_voxels, at, at, _facts(solution), partial(_warn_of_health, method, solution))
+
+
+METRICS = (
+    Metric("unknowns", "", "Unknowns", "Of the system that the interpolant solves.", ""),
+    Metric("rank", "", "Rank", "Of the system's matrix; less than the unknowns where elements coincide.", ""),
+    Metric("negative_eigenvalues", "", "Negative eigenvalues", "Of the system's matrix.", ""),
+    Metric("expected_negative_eigenvalues", "", "Negative eigenvalues expected", "Of a healthy system's.", ""),
+    Metric("condition", "", "Condition number", "Of the system's matrix.", ""),
+    Metric("residual", "", "Residual", "Greatest error on the elements.", ""),
+)
+"""What `interpolate` tells of its system."""
 
 
 def _facts(solution: Solution) -> dict[str, Fact]:

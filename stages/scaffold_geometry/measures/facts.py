@@ -3,10 +3,162 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
-from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.arrays import Ints
+from scaffold_geometry.measures.declarations import AREAS, to_place
 from scaffold_geometry.voxels.image import VoxelImage
-from scaffold_pipeline.artifacts import Fact, SurfaceMesh
+from scaffold_pipeline.artifacts import Fact, Metric, SurfaceMesh
+
+PER_MM = "mm\u207b\u00b9"
+
+_TOPOLOGY = "vertices, edges and faces: exact"
+
+CONNECTIVITY_METRICS = (
+    Metric(
+        "loops",
+        "",
+        "Loops",
+        "Struts that could be cut before the solid falls apart.",
+        "Connectivity",
+        symbol="Conn",
+        method=_TOPOLOGY,
+    ),
+    Metric(
+        "euler_number",
+        "",
+        "Euler number",
+        "Pieces minus loops plus closed pores.",
+        "",
+        symbol="Euler",
+        method=_TOPOLOGY,
+    ),
+    Metric(
+        "connectivity_density_per_mm3",
+        "mm\u207b\u00b3",
+        "Connectivity density",
+        "Loops in each mm\u00b3; Conn.D.",
+        "Connectivity",
+        symbol="Conn.D",
+        method=_TOPOLOGY,
+    ),
+)
+"""What `connectivity_facts` tells."""
+
+_FABRIC = "mean intercept length of the pores' walls, from the triangles: 0.003"
+
+ANISOTROPY_DIRECTION = Metric(
+    "anisotropy_direction",
+    "",
+    "Direction of anisotropy",
+    "Along which struts run most: x, y and z of a vector of length 1.",
+    "Connectivity",
+    method=_FABRIC,
+)
+
+SURFACE_METRICS = (
+    Metric(
+        "pore_surface_mm2",
+        "mm\u00b2",
+        "Area of the pores",
+        "What of it faces pores: without the cut of the outer shape.",
+        "Surface",
+        method=AREAS,
+    ),
+    Metric(
+        "surface_per_solid_per_mm",
+        PER_MM,
+        "Surface per solid volume",
+        "BS/BV.",
+        "Surface",
+        symbol="BS/BV",
+        method=AREAS,
+    ),
+    Metric(
+        "surface_per_total_per_mm",
+        PER_MM,
+        "Surface per total volume",
+        "BS/TV.",
+        "Surface",
+        symbol="BS/TV",
+        method=AREAS,
+    ),
+    Metric(
+        "pore_surface_per_total_per_mm",
+        PER_MM,
+        "Area of the pores per total volume",
+        "Without the cut of the outer shape.",
+        "",
+        method=AREAS,
+    ),
+    Metric(
+        "anisotropy_degree",
+        "",
+        "Degree of anisotropy",
+        "0 where all directions are alike, towards 1 where one rules; DA.",
+        "Connectivity",
+        symbol="DA",
+        method=_FABRIC,
+    ),
+    Metric(
+        "anisotropy_ratio",
+        "",
+        "Ratio of anisotropy",
+        "The longest over the shortest mean intercept length.",
+        "",
+        method=_FABRIC,
+    ),
+    ANISOTROPY_DIRECTION,
+    replace(ANISOTROPY_DIRECTION, key="anisotropy_axis", instead="anisotropy_direction"),
+    Metric(
+        "intercept_length_{which}",
+        "mm",
+        "Mean intercept length, {which}",
+        "Mean length of a line within a strut, along the axis where it is {which}.",
+        "",
+        symbol="MIL",
+        method=_FABRIC,
+    ),
+)
+"""What `surface_facts` tells."""
+
+_LAPLACE = (
+    "Laplace's equation in the largest box within the outer shape, finite volumes; `*_error` is the voxels' part, to a "
+    "factor of two"
+)
+
+TRANSPORT_METRICS = (
+    Metric(
+        "tortuosity_{axis}",
+        "",
+        "Tortuosity along {axis}",
+        "How much the way through the pores is drawn out.",
+        "Transport",
+        method=_LAPLACE,
+    ),
+    Metric(
+        "relative_diffusivity_{axis}",
+        "",
+        "Diffusivity along {axis}",
+        "Of a molecule through the pores, against the free fluid's.",
+        "Transport",
+        method=_LAPLACE,
+    ),
+    Metric(
+        "relative_diffusivity_{axis}_error",
+        "",
+        "Diffusivity along {axis}, error",
+        "What the voxels are estimated to take off.",
+        "",
+        method=_LAPLACE,
+    ),
+    Metric("diffusion_box_low", "mm", "Box of the diffusion, least corner", "The largest in the outer shape.", ""),
+    Metric("diffusion_box_high", "mm", "Box of the diffusion, greatest corner", "The largest in the outer shape.", ""),
+    Metric("diffusion_box", "mm", "Box of the diffusion", "From corner to corner.", "", instead="diffusion_box_low"),
+    Metric("diffusion_box_share", "", "Share of the diffusion's box", "Of the outer shape's volume.", ""),
+    Metric("diffusion_voxel_size", "mm", "Voxel size of the diffusion", "Edge of the cells computed with.", ""),
+)
+"""What `transport_facts` tells."""
 
 
 def connectivity_facts(faces: Ints, pieces: int, cavities: int, total_volume: float) -> dict[str, Fact]:
@@ -40,6 +192,7 @@ def surface_facts(solid: SurfaceMesh, outer: SurfaceMesh, on_outer: float) -> di
         "pore_surface_per_total_per_mm": found.pore_surface_per_tv,
         "anisotropy_degree": fabric.degree if fabric else None,
         "anisotropy_ratio": _finite(fabric.ratio) if fabric else None,
+        "anisotropy_direction": fabric.axes[0].tolist() if fabric else None,
         "anisotropy_axis": to_place(fabric.axes[0]) if fabric else None,
         "intercept_length_longest": _finite(float(fabric.lengths[0])) if fabric else None,
         "intercept_length_shortest": _finite(float(fabric.lengths[2])) if fabric else None,
@@ -52,9 +205,11 @@ def transport_facts(image: VoxelImage) -> dict[str, Fact]:
 
     found = transport(image)
     if found is None:
-        return {"diffusion_box": None}
+        return {"diffusion_box_low": None, "diffusion_box_high": None, "diffusion_box": None}
     low, high = found.bounds
     values: dict[str, Fact] = {
+        "diffusion_box_low": low.tolist(),
+        "diffusion_box_high": high.tolist(),
         "diffusion_box": f"{to_place(low)} to {to_place(high)}",
         "diffusion_box_share": found.box_share,
         "diffusion_voxel_size": found.voxel_size,
@@ -64,16 +219,6 @@ def transport_facts(image: VoxelImage) -> dict[str, Fact]:
         values[f"relative_diffusivity_{axis}_error"] = along.voxel_error
         values[f"tortuosity_{axis}"] = along.tortuosity
     return values
-
-
-def to_place(point: Floats) -> str:
-    """Return a place (3,), mm, or a direction as a fact.
-
-    >>> import numpy as np
-    >>> to_place(np.array([1.0, 2.34567, -3.0]))
-    '1, 2.346, -3'
-    """
-    return ", ".join(f"{coordinate:.4g}" for coordinate in point)
 
 
 def _finite(length: float) -> float | None:

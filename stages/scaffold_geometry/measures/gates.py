@@ -6,8 +6,24 @@ from collections.abc import Iterator
 
 from pydantic import Field, field_validator
 
-from scaffold_pipeline.artifacts import Fact, ScalarField, VolumeMesh
+from scaffold_pipeline.artifacts import Fact, Gate, ScalarField, VolumeMesh
 from scaffold_pipeline.stages.contract import Millimetres, Params, Share
+
+MANIFOLD = Gate("manifold", "The surface is closed, with two triangles at each edge.", "gate_manifold")
+POROSITY_ASKED_FOR = Gate("porosity", "The porosity is the one asked for.", "gate_porosity")
+
+GATES = (
+    MANIFOLD,
+    Gate("one_piece", "The solid is one piece without closed pores.", "gate_one_piece"),
+    Gate("pores_connected", "The pores hang together.", "gate_pores_connected"),
+    Gate("interrupted", "Struts are whole and channels open in the file itself.", "gate_interrupted"),
+    POROSITY_ASKED_FOR,
+    Gate("certificate", "The iso-value lies in the window of the certificate.", "gate_certificate"),
+    Gate("min_strut", "The thinnest strut is as thick as asked for.", "min_strut"),
+    Gate("min_throat", "The narrowest throat is as wide as asked for.", "min_throat"),
+    Gate("build_volume", "The solid fits into the printer.", "build_volume"),
+)
+"""What `failed_gates` judges."""
 
 
 class GateParams(Params):

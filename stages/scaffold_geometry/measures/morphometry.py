@@ -7,13 +7,14 @@ Names are those of this project; beside them stand BoneJ's (R. Domander, A. A. F
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints, Singles
 from scaffold_geometry.measures.accessibility import Accessibility, accessibility, reachable_share
-from scaffold_geometry.measures.facts import to_place
+from scaffold_geometry.measures.declarations import place_facts, place_metrics, to_place
 from scaffold_geometry.measures.local_thickness import (
     LEAST_RESOLVED,
     PERCENTILES,
@@ -25,7 +26,7 @@ from scaffold_geometry.measures.local_thickness import (
 )
 from scaffold_geometry.voxels.image import PORE, STRUT, VoxelImage
 from scaffold_geometry.voxels.voxelising import finest_spacing, voxelise
-from scaffold_pipeline.artifacts import Curve, Fact, Histogram, SurfaceMesh
+from scaffold_pipeline.artifacts import Curve, Fact, Histogram, Metric, SurfaceMesh
 from scaffold_pipeline.errors import warn
 
 MOST_VOXELS = 512**3
@@ -38,6 +39,86 @@ _FINER = 4.0
 """Voxels across the mean strut or pore that a refinement aims at, where there were fewer than three."""
 
 _CURVE_POINTS = 200
+
+_BALLS = (
+    "greatest ball over each voxel (Hildebrand, R\u00fcegsegger): a voxel at most, half a voxel in the mean; the outer "
+    "shape is a wall"
+)
+_WAYS = (
+    "widest ball that gets from outside to that share of the pores, and the neck that holds up a wider one; the share "
+    "that a ball of `probes` reaches: a voxel"
+)
+
+
+def _metrics_of_balls(
+    name: str, title: str, symbol: str, section: str, phase: str, less: str, more: str
+) -> tuple[Metric, ...]:
+    """Return the declarations of a distribution of local thickness."""
+
+    def metric(key: str, what: str, meaning: str, *, is_shown: bool = True) -> Metric:
+        heading = section if is_shown else ""
+        return Metric(f"{name}_{key}", "mm", f"{title}, {what}", meaning, heading, symbol=symbol, method=_BALLS)
+
+    mean = metric("mean", "mean", f"The greatest ball in the {phase} about each point, on average; {symbol}.")
+    return (
+        replace(mean, shown_in=("headline",)),
+        metric("median", "median", f"Half of the {phase} is {less}."),
+        metric("mad", "median deviation", "Half of all is nearer to the median.", is_shown=False),
+        metric("p5", "5th percentile", f"A twentieth of the {phase} is {less}."),
+        metric("p25", "25th percentile", f"A quarter of the {phase} is {less}.", is_shown=False),
+        metric("p75", "75th percentile", f"A quarter of the {phase} is {more}.", is_shown=False),
+        metric("p95", "95th percentile", f"A twentieth of the {phase} is {more}."),
+    )
+
+
+METRICS = (
+    *_metrics_of_balls("strut_thickness", "Strut thickness", "Tb.Th", "Struts", "solid", "thinner", "thicker"),
+    *_metrics_of_balls("pore_size", "Pore size", "Tb.Sp", "Pores", "pore space", "narrower", "wider"),
+    Metric(
+        "throat_50",
+        "mm",
+        "Throat to half of the pores",
+        "The largest ball that reaches half of the pore space.",
+        "Pores",
+        method=_WAYS,
+    ),
+    Metric(
+        "throat_90",
+        "mm",
+        "Throat to nine tenths of the pores",
+        "The largest ball that reaches nine tenths of it.",
+        "Pores",
+        method=_WAYS,
+    ),
+    Metric(
+        "throat_99",
+        "mm",
+        "Throat to nearly all pores",
+        "The largest ball that reaches 99 % of it.",
+        "Pores",
+        method=_WAYS,
+    ),
+    *place_metrics(
+        "throat_{share}", "Place of the throat to {share} % of the pores", "The neck that holds up a wider ball.", _WAYS
+    ),
+    Metric(
+        "accessible_to_{probe}_mm",
+        "",
+        "Pores open to {probe} mm",
+        "Share of the pore space that a ball so wide reaches from outside.",
+        "Pores",
+        method=_WAYS,
+    ),
+)
+"""What `morphometry` tells, but for the next."""
+
+VOXEL_SIZE = Metric(
+    "measure_voxel_size",
+    "mm",
+    "Voxel size of the measures",
+    "Thicknesses and sizes are off by one at most.",
+    "How it was computed",
+)
 
 
 class Morphometry(NamedTuple):
@@ -141,7 +222,7 @@ def _ways_facts(ways: Accessibility, probes: Sequence[float]) -> dict[str, Fact]
     values: dict[str, Fact] = {}
     for throat in ways.throats:
         name = f"throat_{100 * throat.share:g}"
-        values |= {name: throat.diameter, f"{name}_at": None if throat.place is None else to_place(throat.place)}
+        values |= {name: throat.diameter, **place_facts(name, throat.place)}
     for probe, share in zip(probes, reachable_share(ways, np.array(probes, float)).tolist(), strict=True):
         values[f"accessible_to_{probe:g}_mm"] = share
     return values

@@ -7,10 +7,52 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.measures.declarations import place_metrics
+from scaffold_pipeline.artifacts import Metric
 
 if TYPE_CHECKING:
     from scaffold_geometry.fields.skeleton import Skeleton
 
+
+_HOW = "along each strut and channel of the mesh, the least ball about the axis that fits in, at nine points of it"
+
+METRICS = (
+    Metric(
+        "thinnest_strut_mm",
+        "mm",
+        "Thinnest strut",
+        "The least ball about a mesh edge that fits into the solid.",
+        "Struts",
+        method=_HOW,
+    ),
+    *place_metrics("thinnest_strut", "Place of the thinnest strut", "The middle of that ball.", _HOW),
+    Metric(
+        "struts_interrupted",
+        "",
+        "Struts interrupted",
+        "Mesh edges that leave the solid in the file itself.",
+        "Struts",
+        method=_HOW,
+    ),
+    Metric(
+        "narrowest_throat_mm",
+        "mm",
+        "Narrowest throat",
+        "The least ball about a channel that fits into the pores.",
+        "Pores",
+        method=_HOW,
+    ),
+    *place_metrics("narrowest_throat", "Place of the narrowest throat", "The middle of that ball.", _HOW),
+    Metric(
+        "channels_interrupted",
+        "",
+        "Channels interrupted",
+        "Passages that meet solid in the file itself.",
+        "Connectivity",
+        method=_HOW,
+    ),
+)
+"""What `thinnest_strut` and `narrowest_throat` are told as."""
 
 _SAMPLES = 9
 """Points along each axis, both ends included."""

@@ -4,6 +4,15 @@ from __future__ import annotations
 
 from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces.triangles import edge_faults, face_pieces, piece_volumes, touching_vertices
+from scaffold_pipeline.artifacts import Metric
+
+METRICS = (
+    Metric("solid_pieces", "", "Pieces of solid", "One is what a printer wants; more are loose.", "Struts"),
+    Metric("solid_largest_fraction", "", "Largest piece of solid", "Its share of the solid's volume.", "Struts"),
+    Metric("closed_pores", "", "Closed pores", "Cavities in the solid that nothing can reach.", "Pores"),
+    Metric("is_manifold", "", "Manifold", "Whether the surface is closed, with two triangles at each edge.", "Surface"),
+)
+"""What `shell_facts` tells."""
 
 
 def shell_facts(vertices: Floats, faces: Ints) -> dict[str, bool | int | float]:

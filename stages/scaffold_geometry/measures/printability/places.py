@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_geometry.arrays import Floats
-from scaffold_geometry.measures.facts import to_place
+from scaffold_geometry.measures.declarations import to_place
 from scaffold_pipeline.artifacts import SurfaceMesh
 
 _REGIONS = 50

@@ -8,8 +8,52 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from scaffold_geometry.arrays import Floats
-from scaffold_pipeline.artifacts import Fact, Finding
+from scaffold_geometry.measures.declarations import place_metrics
+from scaffold_pipeline.artifacts import Fact, Finding, Metric
 from scaffold_pipeline.stages.contract import Millimetres, Params, Unit
+
+_RULES = (
+    "what a printer may meet, by the rules in `printing`; what breaks one is a finding with places, not a failed gate"
+)
+_SECTION = "Printability"
+
+METRICS = (
+    Metric("thinnest_wall_mm", "mm", "Thinnest wall", "Of all walls that the surface shows.", _SECTION, method=_RULES),
+    *place_metrics("thinnest_wall", "Place of the thinnest wall", "Its middle.", _RULES),
+    Metric("wall_percentile_5_mm", "mm", "Walls, 5th percentile", "A twentieth of all walls is thinner.", ""),
+    Metric("thin_wall_fraction", "", "Share of thin walls", "Of the surface, below what was asked for.", ""),
+    Metric(
+        "overhang_area_mm2",
+        "mm\u00b2",
+        "Overhangs",
+        "Area that needs support in the build direction.",
+        _SECTION,
+        method=_RULES,
+    ),
+    Metric("overhang_fraction", "", "Share of overhangs", "Of the surface.", ""),
+    Metric("overhang_regions", "", "Places of overhangs", "Connected parts of that area.", ""),
+    Metric("overhang_largest_mm2", "mm\u00b2", "Largest overhang", "Area of the largest connected part.", ""),
+    Metric(
+        "unsupported_islands",
+        "",
+        "Islands",
+        "Places where printing would begin in mid-air.",
+        _SECTION,
+        method=_RULES,
+    ),
+    Metric(
+        "enclosed_voids",
+        "",
+        "Voids that hold powder",
+        "Cavities out of which nothing can be blown.",
+        _SECTION,
+        method=_RULES,
+    ),
+    Metric("enclosed_void_mm3", "mm\u00b3", "Volume of enclosed voids", "All of them together.", ""),
+    Metric("island_pieces", "", "Loose pieces", "Parts beside the greatest, which fall off.", "", method=_RULES),
+    Metric("island_piece_mm3", "mm\u00b3", "Volume of loose pieces", "All of them together.", ""),
+)
+"""What the rules measure, each in its own module."""
 
 Degrees = Annotated[float, Unit("degrees")]
 SquareMillimetres = Annotated[float, Unit("mm^2")]

@@ -11,6 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.measures.declarations import place_facts
 from scaffold_geometry.measures.printability.facets import faces_near, facing
 from scaffold_geometry.measures.printability.places import apart_in, format_place, worst_apart
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
@@ -61,7 +62,7 @@ def _numbers(walls: Walls, closer: Walls, least: float | None) -> dict[str, Fact
     thinnest = int(np.argmin(closer.thickness)) if len(closer.thickness) else None
     return {
         "thinnest_wall_mm": None if thinnest is None else float(closer.thickness[thinnest]),
-        "thinnest_wall_at": None if thinnest is None else format_place(closer.middles[thinnest])[1:-1],
+        **place_facts("thinnest_wall", None if thinnest is None else closer.middles[thinnest]),
         "wall_percentile_5_mm": float(np.quantile(walls.thickness, 0.05)) if len(walls.thickness) else None,
         "thin_wall_fraction": None if least is None else len(_thin(walls, least)) / _SAMPLES,
     }

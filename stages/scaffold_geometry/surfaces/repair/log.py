@@ -6,7 +6,14 @@ from collections import Counter
 from dataclasses import dataclass, field
 from typing import NamedTuple, TypeAlias
 
-from scaffold_pipeline.artifacts import Fact
+from scaffold_pipeline.artifacts import Fact, Metric
+
+METRICS = (
+    Metric("repair_mode", "", "Repair", "How far the repair of the input was allowed to go.", ""),
+    Metric("repair_grid_mm", "mm", "Repair, grid", "Voxels of the surface that was built anew.", ""),
+    Metric("repair_{what}", "", "Repair, {what}", "How often this was done to the input, or how far it moved it.", ""),
+)
+"""What the facts of a log are told as, each with `repair_` before its name."""
 
 
 class RepairOp(NamedTuple):

@@ -1,5 +1,5 @@
 // The table filters by words; the plot draws a column of numbers against another.
-const { titles, varied, rows } = JSON.parse(document.getElementById("data").textContent);
+const { titles, varied, rows, first } = JSON.parse(document.getElementById("data").textContent);
 const lines = makeSortable(document.querySelector("table.points"), (line, column) => rows[line.dataset.row][column]);
 lines.forEach((line, row) => (line.dataset.row = row));
 const wanted = new URLSearchParams(location.hash.slice(1)); // #y=porosity&x=... opens the page at a plot
@@ -123,7 +123,7 @@ enliven();
 if (measured.length && lines.length) {
   const x = own.find((column) => values(column).every(isNumber) && distinct(column) > 1) ?? own[0] ?? measured[0];
   const others = own.filter((column) => distinct(column) > 1);
-  offer("y", measured, measured.find((column) => titles[column] === "porosity") ?? measured[0]);
+  offer("y", measured, measured.find((column) => titles[column] === first) ?? measured[0]);
   offer("x", [...own, ...measured], x);
   offer("by", ["", ...others], others.find((column) => column !== x) ?? "");
   document.getElementById("plot").hidden = false;
