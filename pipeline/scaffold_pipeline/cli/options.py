@@ -1,4 +1,4 @@
-"""What the commands have in common: exit codes, options, and how they answer."""
+"""Exit codes, options and output that the commands share."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ USAGE = 2
 FAILED = 1
 
 Settings = Annotated[list[str], Parameter(name="--set", help="Override a value: stage.key=value; may be repeated.")]
-Quiet = Annotated[bool, Parameter(help="Say nothing but errors.")]
+Quiet = Annotated[bool, Parameter(help="Print errors only.")]
 Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on standard output and nothing else.")]
 DryRun = Annotated[bool, Parameter(name=["--dry-run", "-n"])]
 CacheFolder = Annotated[
@@ -27,7 +27,7 @@ CacheFolder = Annotated[
 
 
 def answer(value: object, text: str, *, as_json: bool) -> int:
-    """Print a command's answer, as JSON or as text, and return exit code 0."""
+    """Print a command's result, as JSON or as text, and return exit code 0."""
     if as_json:
         import json
 
@@ -37,12 +37,12 @@ def answer(value: object, text: str, *, as_json: bool) -> int:
     return 0
 
 
-def chosen_cache(folder: Path | None) -> Cache | None:
-    """Return the cache that the user names, here or in the environment, with the limit that stands there, or None."""
+def select_cache(folder: Path | None) -> Cache | None:
+    """Return the cache in `folder`, or the one named in the environment, with the environment's size limit, or None."""
     from scaffold_pipeline.run.cache import DEFAULT_LIMIT, FOLDER_VARIABLE, LIMIT_VARIABLE, Cache, parse_size
 
-    chosen = folder or os.environ.get(FOLDER_VARIABLE)
-    if not chosen:
+    root = folder or os.environ.get(FOLDER_VARIABLE)
+    if not root:
         return None
     limit = parse_size(os.environ.get(LIMIT_VARIABLE) or DEFAULT_LIMIT, LIMIT_VARIABLE)
-    return Cache(Path(chosen).expanduser().absolute(), limit)
+    return Cache(Path(root).expanduser().absolute(), limit)

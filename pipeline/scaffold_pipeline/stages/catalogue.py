@@ -1,4 +1,4 @@
-"""What the installed stages are and take, told from their contracts: the stage list, the README's table, the schema."""
+"""The installed stages and their parameters, from their contracts: stage list, README table, JSON Schema."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scaffold_pipeline.stages.registry import load_stage, stage_names
 
 
 def installed_stages() -> Iterator[Stage | StageDefinitionError]:
-    """Yield every installed stage by name, or the error that keeps one from being loaded."""
+    """Yield every installed stage, sorted by name, or the error of one that cannot be loaded."""
     for name in stage_names():
         try:
             yield load_stage(name)
@@ -20,7 +20,7 @@ def installed_stages() -> Iterator[Stage | StageDefinitionError]:
 
 
 def require_stage(name: str) -> Stage:
-    """Return the stage `name`; raises `ConfigError` with the nearest name where there is none."""
+    """Return the stage `name`; raises `ConfigError` with the most similar name if there is none."""
     try:
         return load_stage(name)
     except LookupError as error:
@@ -28,8 +28,8 @@ def require_stage(name: str) -> Stage:
 
 
 def describe(stage: Stage) -> str:
-    """Return all that a user must know of a stage: what it does, its slots, its parameters with unit and default."""
-    reads = ", ".join(f"{name}{' (if there)' if read.optional else ''}" for name, read in stage.reads.items())
+    """Return the description of a stage for users: purpose, slots, and parameters with units and defaults."""
+    reads = ", ".join(f"{name}{' (optional)' if read.optional else ''}" for name, read in stage.reads.items())
     lines = [stage.name, f"  {stage.summary}", f"  reads: {reads or '-'}", f"  writes: {stage.writes}", "  parameters:"]
     for name, text in _parameters(stage).items():
         lines += [f"    {name}: {text['type']}, {text['default']}", f"        {text['meaning']}"]
@@ -37,7 +37,7 @@ def describe(stage: Stage) -> str:
 
 
 def markdown_table() -> str:
-    """Return the table of stages that the README shows."""
+    """Return the table of stages for the README."""
     rows = ["| stage | does | reads | writes | parameters |", "|---|---|---|---|---|"]
     for stage in installed_stages():
         if isinstance(stage, Stage):
@@ -48,7 +48,7 @@ def markdown_table() -> str:
 
 
 def config_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a configuration with the stages installed now."""
+    """Return the JSON Schema of a configuration with the installed stages."""
     stages = [_stage_schema(stage) for stage in installed_stages() if isinstance(stage, Stage)]
     definitions = {name: body for schema in stages for name, body in schema.pop("$defs", {}).items()}
     return {
@@ -73,8 +73,8 @@ def _stage_schema(stage: Stage) -> dict[str, Any]:
         body["description"] = f"{body.get('description', '')} [{unit.name}]".strip()
     words = {
         "use": {"const": stage.name},
-        "as": {"type": "string", "description": f"Name of the slot written, instead of {stage.writes}."},
-        "from": {"type": "object", "description": f"Slots read instead of: {', '.join(stage.reads)}."},
+        "as": {"type": "string", "description": f"Slot to write, instead of {stage.writes}."},
+        "from": {"type": "object", "description": f"Slots to read, instead of: {', '.join(stage.reads)}."},
     }
     schema["properties"] = {**words, **schema.get("properties", {})}
     schema["required"] = ["use", *schema.get("required", [])]
@@ -84,18 +84,18 @@ def _stage_schema(stage: Stage) -> dict[str, Any]:
 def _parameters(stage: Stage) -> dict[str, dict[str, str]]:
     units, follows = stage.params.marked(Unit), stage.params.marked(Follows)
     properties = stage.params.model_json_schema().get("properties", {})
-    told = {}
+    texts = {}
     for name, info in stage.params.model_fields.items():
         default = "required" if info.is_required() else f"default {info.get_default(call_default_factory=True)!r}"
         if name in follows:
             default += f", or as {follows[name].stage}.{follows[name].parameter}"
         kind = _kind(properties.get(name, {}))
-        told[name] = {
+        texts[name] = {
             "type": f"{kind} in {units[name].name}" if name in units else kind,
             "default": default,
             "meaning": " ".join((info.description or "").split()),
         }
-    return told
+    return texts
 
 
 def _kind(schema: dict[str, Any]) -> str:
