@@ -1,4 +1,4 @@
-"""`extract_outer`: the boundary of a volume mesh as the outer shape."""
+"""Stage `extract_outer`: the boundary of a volume mesh as the outer shape."""
 
 from __future__ import annotations
 
@@ -16,36 +16,35 @@ from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Params, stage
 
-_REPAIR = "mend the mesh where it was made, or load its surface with load_surface and use tetrahedralise"
+_REPAIR = "repair the mesh in the program that made it, or load its surface with load_surface and use tetrahedralise"
 _BENT = 1e-6
-"""Share of the volume that bent quadrangles, cut into triangles, may change without a word."""
+"""Relative change of the volume by splitting non-planar quadrangles above which a note is written."""
 
 
 class ExtractOuterParams(Params):
     """Parameters of `extract_outer`."""
 
     shape: Literal["boundary", "box"] = "boundary"
-    """The mesh's own boundary, or its bounding box along the axes: what the figures of Liu, Guo and Yu show."""
+    """The mesh's boundary, or its bounding box, as in the figures of Liu, Guo and Yu."""
 
     touching: Literal["part", "refuse"] = "part"
-    """What to do where the boundary touches itself at a vertex or an edge: move its sheets apart, or stop."""
+    """Where the boundary touches itself at a vertex or an edge: `part` moves its sheets apart, `refuse` stops."""
 
 
 @stage(writes="outer", version=2, libraries=("libigl", "scipy"))
 def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
-    """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
+    """Take the boundary of a volume mesh, or its bounding box, as the outer shape: a closed, outward surface.
 
-    Or take its bounding box. Where the boundary touches itself, it is parted by a hundredth of an edge, or no file of
-    it would be manifold. Raises `StageError` for cells that do not meet face to face and a boundary that passes through
-    itself.
+    Quadrangles are split into triangles. Where the boundary touches itself, its sheets are moved apart by a hundredth
+    of an edge, so that the surface is manifold. Raises `StageError` if cells do not meet face to face, or if the
+    boundary intersects itself.
     """
     if params.shape == "box":
         return _box(mesh)
     faces = cells.faces(mesh.cells)
     if len(faces.clashing) or len(faces.crowded):
         raise StageError(
-            f"mesh: cells do not match at {len(faces.clashing) + len(faces.crowded)} of the faces that they share; "
-            f"{_REPAIR}"
+            f"mesh: cells do not match at {len(faces.clashing) + len(faces.crowded)} of their shared faces; {_REPAIR}"
         )
     surface, owners = boundary_triangles(mesh.vertices, faces)
     _require_apart(mesh, surface, owners)
@@ -90,7 +89,7 @@ def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
 def _split_touching(
     vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: list[str], facts: dict[str, Fact]
 ) -> tuple[Floats, Ints]:
-    """Move the surface apart where it touches itself."""
+    """Move the sheets of the surface apart where it touches itself."""
     faults, at_vertices = triangles.edge_faults(surface), triangles.touching_vertices(surface)
     if not faults.non_manifold and not at_vertices:
         return vertices, surface
@@ -128,6 +127,6 @@ def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
     if len(found):
         at = vertices[surface[found[0]]].mean(axis=0)
         raise StageError(
-            f"mesh: its boundary passes through itself: {len(found)} triangles intersect others "
+            f"mesh: its boundary intersects itself: {len(found)} triangles intersect others "
             f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {_REPAIR}"
         )
