@@ -110,10 +110,10 @@ def _sections(surface: SurfaceMesh, places: dict[str, float]) -> Arrays:
     return call_in_child(sections, arrays, {**places}, seconds=_SECONDS, about="cutting the solid")
 
 
-def _rings(found: Arrays, axis: str) -> list[NDArray[np.float64]]:
-    if not found:
+def _rings(cut: Arrays, axis: str) -> list[NDArray[np.float64]]:
+    if not cut:
         return []
-    points, sizes = found[f"points_{axis}"].astype(np.float64), found[f"sizes_{axis}"].astype(np.int64)
+    points, sizes = cut[f"points_{axis}"].astype(np.float64), cut[f"sizes_{axis}"].astype(np.int64)
     return np.split(points, np.cumsum(sizes)[:-1]) if len(sizes) else []
 
 

@@ -69,7 +69,7 @@ def _box(mesh: VolumeMesh) -> OuterShape:
 
 
 def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
-    """Require that no body lies within another: about a cell of each, the boundary winds once."""
+    """Require that bodies do not overlap: the boundary's winding number is 1 in a cell of each."""
     vertices, pieces = mesh.vertices, triangles.face_pieces(surface)
     bodies = np.flatnonzero(triangles.piece_volumes(vertices, surface, pieces) > 0.0)
     if len(bodies) == 1:
@@ -81,7 +81,7 @@ def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
         winding = triangles.winding_number(centre, vertices, surface)
         if round(winding) != 1:
             raise StageError(
-                f"mesh: {round(winding)} bodies lie upon each other at {centre[0]:.4g}, {centre[1]:.4g}, "
+                f"mesh: {round(winding)} bodies overlap at {centre[0]:.4g}, {centre[1]:.4g}, "
                 f"{centre[2]:.4g} mm; set load_volume_mesh.component to largest, or {_REPAIR}"
             )
 
@@ -99,34 +99,34 @@ def _split_touching(
             f"`touching: part` to move it apart there, or {_REPAIR}"
         )
     try:
-        parted = vertex_splitting.split_non_manifold(vertices, surface)
+        split = vertex_splitting.split_non_manifold(vertices, surface)
     except StageError as error:
         raise StageError(f"mesh: {error}; {_REPAIR}") from error
-    said = (
-        f"parted at {parted.touching_vertices} vertices and {parted.touching_edges} edges where the boundary touches "
-        f"itself, by at most {parted.farthest:.2g} mm"
+    note = (  # notes are part of the artifact's hash
+        f"parted at {split.touching_vertices} vertices and {split.touching_edges} edges where the boundary touches "
+        f"itself, by at most {split.farthest:.2g} mm"
     )
-    notes.append(said)
+    notes.append(note)
     facts |= {
-        "boundary_vertices_parted": parted.touching_vertices,
-        "boundary_edges_parted": parted.touching_edges,
-        "boundary_parting_mm": parted.farthest,
+        "boundary_vertices_parted": split.touching_vertices,
+        "boundary_edges_parted": split.touching_edges,
+        "boundary_parting_mm": split.farthest,
     }
-    warn(f"the outer shape is {said}")
-    return parted.vertices, parted.faces
+    warn(f"the outer shape is {note}")
+    return split.vertices, split.faces
 
 
 def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
-    found = call_in_child(
+    crossing = call_in_child(
         self_intersections.find_self_intersections,
         {"vertices": vertices, "faces": surface},
         {},
         seconds=60.0 + len(surface) / 5_000,  # exact arithmetic; millions of sound triangles take seconds
-        about=f"the mesh's boundary could not be searched for self-intersections: {_REPAIR}",
+        about=f"the search for self-intersections of the mesh's boundary failed: {_REPAIR}",
     )["faces"]
-    if len(found):
-        at = vertices[surface[found[0]]].mean(axis=0)
+    if len(crossing):
+        at = vertices[surface[crossing[0]]].mean(axis=0)
         raise StageError(
-            f"mesh: its boundary intersects itself: {len(found)} triangles intersect others "
+            f"mesh: its boundary intersects itself: {len(crossing)} triangles intersect others "
             f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {_REPAIR}"
         )

@@ -52,12 +52,12 @@ def hexahedralise(outer: OuterShape, *, params: HexahedraliseParams) -> VolumeMe
     _require_size(outer, params.cell_size)
     if params.kind == "grid":
         return _cubes(outer, params.cell_size)
-    found = fitting.fit_hexahedra(outer.vertices, outer.faces, params.cell_size)
-    if found is None:
+    fitted = fitting.fit_hexahedra(outer.vertices, outer.faces, params.cell_size)
+    if fitted is None:
         raise StageError(
             f"cell_size {params.cell_size:g} mm: no cell fits into the outer shape of {_extent(outer)} mm; lower it"
         )
-    vertices, hexahedra, inner = found
+    vertices, hexahedra, inner = fitted
     facts = _facts(outer, vertices, hexahedra)
     facts |= _fit(outer, vertices, hexahedra, inner, params.cell_size)
     _warn_of_gaps(facts, outer)
@@ -71,14 +71,14 @@ def _extent(outer: OuterShape) -> str:
 def _require_size(outer: OuterShape, size: float) -> None:
     if size > np.ptp(outer.bounds, axis=0).max():
         raise StageError(f"cell_size {size:g} mm: larger than the outer shape of {_extent(outer)} mm; lower it")
-    needed, there = _estimate_memory(outer, size), available_memory()
-    if needed > there:
+    needed, free = _estimate_memory(outer, size), available_memory()
+    if needed > free:
         fitting_size = size
-        while _estimate_memory(outer, fitting_size) > there:
+        while _estimate_memory(outer, fitting_size) > free:
             fitting_size = float(f"{1.1 * fitting_size:.2g}")
         raise StageError(
-            f"cell_size {size:g} mm: the cells need {needed / 2**30:.1f} GiB, but {there / 2**30:.1f} GiB are free; "
-            f"{fitting_size:g} mm would fit"
+            f"cell_size {size:g} mm: the cells need {needed / 2**30:.1f} GiB, but {free / 2**30:.1f} GiB are free; "
+            f"use {fitting_size:g} mm or more"
         )
 
 

@@ -259,7 +259,7 @@ def test_a_grid_beyond_the_memory_is_refused_with_a_size_that_fits(monkeypatch: 
     mesh = tetrahedra((1, 1, 1))
     with pytest.raises(StageError, match=rf"^voxel_size {voxel_size:g} mm: the grid needs") as refusal:
         field_of(mesh, voxel_size=voxel_size)
-    fitting = float(re.findall(r"([\d.e-]+) mm would fit", str(refusal.value))[0])
+    fitting = float(re.findall(r"use ([\d.e-]+) mm or more", str(refusal.value))[0])
     field = field_of(mesh, voxel_size=fitting)
     assert 1_000_000 < sampling.BYTES_PER_VOXEL * field.values.size <= 2_000_000
 

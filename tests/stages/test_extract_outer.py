@@ -155,7 +155,7 @@ def test_a_surface_folded_onto_itself_cannot_be_parted():
 
 def test_bodies_upon_each_other_are_refused():
     cube = hexahedra((3, 3, 3), 4.0)
-    with pytest.raises(StageError, match=r"mesh: 2 bodies lie upon each other at .* set load_volume_mesh.component to"):
+    with pytest.raises(StageError, match=r"mesh: 2 bodies overlap at .* set load_volume_mesh.component to"):
         extracted(both(cube, moved(cube, (5.0, 5.0, 5.0), 0.1)))
 
 

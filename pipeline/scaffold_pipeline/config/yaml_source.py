@@ -1,6 +1,6 @@
 """From YAML text to plain values and the place of each.
 
-ruamel.yaml reads YAML 1.2: `12:30` is text, and a repeated key is found, of which other readers take the last.
+ruamel.yaml reads YAML 1.2: `12:30` is text. Repeated keys are found here; other readers take the last one silently.
 """
 
 from __future__ import annotations

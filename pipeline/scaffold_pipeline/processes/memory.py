@@ -62,7 +62,7 @@ class PeakMemory:
 
 def _release_freed_memory() -> None:
     """Return freed memory to the system: glibc keeps it for the process, over a GB after a large run."""
-    with suppress(AttributeError, OSError, TypeError):  # another C library, or another system
+    with suppress(AttributeError, OSError, TypeError):  # not glibc, or not Linux
         ctypes.CDLL(None).malloc_trim(0)
 
 

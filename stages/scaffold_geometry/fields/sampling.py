@@ -105,20 +105,20 @@ def _grid(bounds: Floats, params: SamplingParams, plane: float | None) -> tuple[
     last = np.array(grid.origin) + grid.spacing * (np.array(grid.shape) - 1)
     _require_memory(np.array([grid.origin, last]), grid.spacing)
     if (bounds[0] < grid.origin).any() or (bounds[1] > last).any():
-        warnings.warn("grid: does not cover the outer shape; the solid ends where the grid does", PipelineWarning, 3)
+        warnings.warn("grid: does not cover the outer shape; the solid ends at the end of the grid", PipelineWarning, 3)
     return np.array(grid.origin, float), grid.spacing, grid.shape
 
 
 def _require_memory(bounds: Floats, spacing: float) -> None:
-    needed, there = _estimate_memory(bounds, spacing), available_memory()
-    if needed <= there:
+    needed, free = _estimate_memory(bounds, spacing), available_memory()
+    if needed <= free:
         return
     fitting = spacing
-    while _estimate_memory(bounds, fitting) > there and fitting < np.ptp(bounds, axis=0).max():
+    while _estimate_memory(bounds, fitting) > free and fitting < np.ptp(bounds, axis=0).max():
         fitting = float(f"{1.1 * fitting:.2g}")
     raise StageError(
-        f"voxel_size {spacing:g} mm: the grid needs {needed / 2**30:.1f} GiB, but {there / 2**30:.1f} GiB are free; "
-        f"{fitting:g} mm would fit"
+        f"voxel_size {spacing:g} mm: the grid needs {needed / 2**30:.1f} GiB, but {free / 2**30:.1f} GiB are free; "
+        f"use {fitting:g} mm or more"
     )
 
 

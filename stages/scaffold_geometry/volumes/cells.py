@@ -75,7 +75,7 @@ def merge_vertices(vertices: Floats, cells: Cells, distance: float) -> Cells:
 
 
 def count_coincident_points(points: Floats, distance: float) -> int:
-    """Return the number of `points` with another point within `distance`."""
+    """Return the number of `points` that have a neighbour within `distance`."""
     from scipy.spatial import cKDTree
 
     return len(np.unique(cKDTree(points).query_pairs(distance, output_type="ndarray")))

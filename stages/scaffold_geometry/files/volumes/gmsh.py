@@ -79,9 +79,9 @@ class _Numbers:
             return self._words[self._at - count * width : self._at].reshape(count, width)
         record = np.dtype([(str(i), self._byte_order + kind) for i, kind in enumerate(kinds)])
         require_numbers((len(self._body) - self._at) // record.itemsize, count, self.place)
-        found = np.frombuffer(self._body, record, count, self._at)
+        records = np.frombuffer(self._body, record, count, self._at)
         self._at += count * record.itemsize
-        return np.column_stack([found[str(i)].astype(np.float64) for i in range(width)])
+        return np.column_stack([records[str(i)].astype(np.float64) for i in range(width)])
 
     def ints(self, *kinds: str) -> list[int]:
         """Return the next whole numbers, one for each of `kinds`."""
@@ -108,10 +108,10 @@ def read_gmsh(path: Path) -> Blocks:
     nodes, elements = (_numbers(sections[of], header, f"{path.name}: ${of}") for of in (node_name, element_name))
     ids, points = _nodes(nodes, header)
     blocks = []
-    for found in _elements(elements, header):
-        is_wanted = found.type.kind is not None
-        places = places_of(ids, found.nodes, path.name) if is_wanted else np.empty((0, 0), np.int64)
-        blocks.append(Block(found.type, len(found.nodes), places))
+    for block in _elements(elements, header):
+        is_wanted = block.type.kind is not None
+        places = places_of(ids, block.nodes, path.name) if is_wanted else np.empty((0, 0), np.int64)
+        blocks.append(Block(block.type, len(block.nodes), places))
     return Blocks(points, blocks)
 
 
@@ -190,42 +190,42 @@ def _elements(section: _Numbers, header: _Header) -> list[_Elements]:
     if header.version >= 4:
         return _elements_in_blocks(section, header)
     (count,) = section.ints(_SIZE)
-    found = _binary_elements(section, count) if header.byte_order else _text_elements(section, header)
-    have = sum(len(elements.nodes) for elements in found)
+    blocks = _binary_elements(section, count) if header.byte_order else _text_elements(section, header)
+    have = sum(len(elements.nodes) for elements in blocks)
     if have != count:
         raise StageError(f"{section.place}: announces {count} elements, but {have} follow; {AGAIN}")
-    return found
+    return blocks
 
 
 def _elements_in_blocks(section: _Numbers, header: _Header) -> list[_Elements]:
     is_first = header.version < 4.1
     number = _INT if is_first else _SIZE
     block_count = section.ints(*[_SIZE] * (2 if is_first else 4))[0]
-    found = []
+    blocks = []
     for _ in range(block_count):
         _, _, type_number, count = section.ints(_INT, _INT, _INT, _SIZE)
         of_type = _type(type_number, section.place)
         rows = section.take(count, *[number] * (1 + of_type.nodes))
-        found.append(_Elements(of_type, to_indices(rows[:, 1:], section.place)))
-    return found
+        blocks.append(_Elements(of_type, to_indices(rows[:, 1:], section.place)))
+    return blocks
 
 
 def _binary_elements(section: _Numbers, count: int) -> list[_Elements]:
-    found: list[_Elements] = []
-    while sum(len(elements.nodes) for elements in found) < count:
+    blocks: list[_Elements] = []
+    while sum(len(elements.nodes) for elements in blocks) < count:
         type_number, of_block, tags = section.ints(_INT, _INT, _INT)
         of_type = _type(type_number, section.place)
         if of_block < 1 or not 0 <= tags <= _MOST_TAGS:
             raise StageError(f"{section.place}: a block cannot have {of_block} elements of {tags} tags; {AGAIN}")
         rows = section.take(of_block, *[_INT] * (1 + tags + of_type.nodes))
-        found.append(_Elements(of_type, to_indices(rows[:, 1 + tags :], section.place)))
-    return found
+        blocks.append(_Elements(of_type, to_indices(rows[:, 1 + tags :], section.place)))
+    return blocks
 
 
 def _text_elements(section: _Numbers, header: _Header) -> list[_Elements]:
     """Read rows `number type tag-count tags nodes`, in version 1 `number type physical elementary node-count nodes`."""
     column = 4 if header.version < 2 else 2
-    found, chunk = [], 1
+    blocks, chunk = [], 1
     while not section.is_at_end:
         rest = section.ahead()
         require_numbers(len(rest), column + 1, section.place)
@@ -239,8 +239,8 @@ def _text_elements(section: _Numbers, header: _Header) -> list[_Elements]:
         is_other = (rows[:, 1] != head[1]) | (rows[:, column] != head[column])
         count = int(np.argmax(is_other)) if is_other.any() else len(rows)
         chunk = 2 * count + 64
-        found.append(_Elements(of_type, to_indices(section.take(count, *[_INT] * width)[:, lead:], section.place)))
-    return found
+        blocks.append(_Elements(of_type, to_indices(section.take(count, *[_INT] * width)[:, lead:], section.place)))
+    return blocks
 
 
 def _type(number: int, place: str) -> ElementType:

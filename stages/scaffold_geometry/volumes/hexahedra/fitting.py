@@ -154,8 +154,8 @@ def nearest(points: Floats, surface: tuple[Floats, Ints]) -> Floats:
     """Return the point of a surface that is nearest to each of `points` (k, 3)."""
     import igl
 
-    found = igl.point_mesh_squared_distance(np.ascontiguousarray(points), *surface)[2]
-    return np.asarray(found, np.float64)
+    closest = igl.point_mesh_squared_distance(np.ascontiguousarray(points), *surface)[2]
+    return np.asarray(closest, np.float64)
 
 
 def _target_positions(vertices: Floats, cells: Ints, quality: Floats, size: float) -> Floats:
