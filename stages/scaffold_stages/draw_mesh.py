@@ -1,4 +1,4 @@
-"""Stage `draw_mesh`: a picture of a mesh, its edges as struts and its channels, to look at beside the solid."""
+"""Stage `draw_mesh`: a picture of a mesh, with its edges (struts) and channels, for comparison with the solid."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class DrawMeshParams(Params):
     """Parameters of `draw_mesh`."""
 
     channels: bool = True
-    """Whether the channels, cell centre to face centre, are drawn too, thinner and in blue."""
+    """Whether to draw the channels, from cell centre to face centre, thinner and blue."""
 
 
 DRAWINGS = (Drawing("mesh.png", "Mesh", "Struts along the edges of the mesh, channels from cell to cell."),)
@@ -24,7 +24,7 @@ DRAWINGS = (Drawing("mesh.png", "Mesh", "Struts along the edges of the mesh, cha
 
 @stage(writes="mesh_picture", version=1, drawings=DRAWINGS)
 def draw_mesh(mesh: CellMesh, *, params: DrawMeshParams, out: Path) -> WrittenFiles:
-    """Draw the edges of a mesh, and its channels, as `mesh.png`, in the view that `preview.png` has."""
+    """Draw the edges and channels of a mesh to `mesh.png`, in the view of `preview.png`."""
     skeleton = skeleton_of(mesh.vertices, mesh.cells)
     channels = np.stack([skeleton.channel_starts, skeleton.channel_ends], axis=1)
     arrays = {"struts": mesh.vertices[mesh.edges], "channels": channels[: len(channels) if params.channels else 0]}

@@ -1,6 +1,6 @@
-"""Stage `draw_solid`: what `report.html` shows of the solid: a simplified copy to turn about, and three sections.
+"""Stage `draw_solid`: the 3-D view and the three sections of `report.html`.
 
-It comes last in a config, and nothing depends on it: what cannot be drawn is a warning.
+It is the last stage of a config, and nothing depends on it: a failed drawing is a warning.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from scaffold_pipeline.stages.contract import Params, Share, Unit, stage
 Arrays: TypeAlias = dict[str, NDArray[np.generic]]
 
 _SECONDS = 300.0
-"""Time for each child; 5 million triangles take a tenth of it."""
+"""Time limit of each child process; 5 million triangles take a tenth of it."""
 
 _OUTER_TRIANGLES = 20_000
-"""Of the outer shape's copy, which is seen through."""
+"""Number of triangles of the copy of the outer shape, which is drawn transparent."""
 
 _WITHIN_ENDS = Field(gt=0.0, lt=1.0)
 
@@ -33,14 +33,14 @@ class DrawSolidParams(Params):
     """Parameters of `draw_solid`."""
 
     triangles: Annotated[int, Unit("triangles")] = Field(default=300_000, ge=1000, le=1_000_000)
-    """Of the copy that the page shows in 3-D, at most; 300,000 make a page of some 4 MB."""
+    """Greatest number of triangles in the 3-D view; 300,000 make a page of about 4 MB."""
 
     sections: tuple[Annotated[Share, _WITHIN_ENDS], Annotated[Share, _WITHIN_ENDS], Annotated[Share, _WITHIN_ENDS]] = (
         0.5,
         0.5,
         0.5,
     )
-    """Where the planes across x, y and z cut, from the solid's one end to the other."""
+    """Positions of the sections across x, y and z, from 0 at one end of the solid to 1 at the other."""
 
 
 DRAWINGS = (
@@ -67,11 +67,11 @@ def draw_solid(
     params: DrawSolidParams,
     out: Path,
 ) -> WrittenFiles:
-    """Write what the page shows: `view.npz`, a copy of few triangles, and three sections as SVG.
+    """Write the drawings of the report page: a simplified copy of the solid, `view.npz`, and three sections as SVG.
 
-    The copy has the outer shape too, and the strut thickness at each vertex where `metrics` has it, taken from the
-    nearest vertex of the solid. A section shows the solid filled and the outer shape as a line, in mm. All is drawn in
-    child processes; what fails is a `PipelineWarning`, and the facts say why.
+    The copy includes the outer shape and, if `metrics` has it, the strut thickness at each vertex, from the nearest
+    vertex of the solid. A section shows the solid filled and the outer shape as a line, in mm. All drawing is in child
+    processes; a failure is a `PipelineWarning`, with the reason among the facts.
     """
     facts = _write_view(solid, outer, metrics, params.triangles, out / "view.npz")
     return WrittenFiles(facts | _write_sections(solid, outer, params.sections, out))
@@ -121,10 +121,10 @@ def _sections(surface: SurfaceMesh, places: dict[str, float]) -> Arrays:
     return call_in_child(sections, arrays, {**places}, seconds=_SECONDS, about="cutting the solid")
 
 
-def _rings(found: Arrays, axis: str) -> list[NDArray[np.float64]]:
-    if not found:
+def _rings(cut: Arrays, axis: str) -> list[NDArray[np.float64]]:
+    if not cut:
         return []
-    points, sizes = found[f"points_{axis}"].astype(np.float64), found[f"sizes_{axis}"].astype(np.int64)
+    points, sizes = cut[f"points_{axis}"].astype(np.float64), cut[f"sizes_{axis}"].astype(np.int64)
     return np.split(points, np.cumsum(sizes)[:-1]) if len(sizes) else []
 
 

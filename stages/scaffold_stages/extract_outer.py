@@ -1,4 +1,4 @@
-"""`extract_outer`: the boundary of a volume mesh as the outer shape."""
+"""Stage `extract_outer`: the boundary of a volume mesh as the outer shape."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Params, stage
 
-_REPAIR = "mend the mesh where it was made, or load its surface with load_surface and use tetrahedralise"
+_REPAIR = "repair the mesh in the program that made it, or load its surface with load_surface and use tetrahedralise"
 _BENT = 1e-6
-"""Share of the volume that bent quadrangles, cut into triangles, may change without a word."""
+"""Relative change of the volume by splitting non-planar quadrangles above which a note is written."""
 
 
 class ExtractOuterParams(Params):
     """Parameters of `extract_outer`."""
 
     shape: Literal["boundary", "box"] = "boundary"
-    """The mesh's own boundary, or its bounding box along the axes: what the figures of Liu, Guo and Yu show."""
+    """The mesh's boundary, or its bounding box, as in the figures of Liu, Guo and Yu."""
 
     touching: Literal["part", "refuse"] = "part"
-    """What to do where the boundary touches itself at a vertex or an edge: move its sheets apart, or stop."""
+    """Where the boundary touches itself at a vertex or an edge: `part` moves its sheets apart, `refuse` stops."""
 
 
 METRICS = (
@@ -42,19 +42,18 @@ METRICS = (
 
 @stage(writes="outer", version=2, metrics=METRICS)
 def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
-    """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
+    """Take the boundary of a volume mesh, or its bounding box, as the outer shape: a closed, outward surface.
 
-    Or take its bounding box. Where the boundary touches itself, it is parted by a hundredth of an edge, or no file of
-    it would be manifold. Raises `StageError` for cells that do not meet face to face and a boundary that passes through
-    itself.
+    Quadrangles are split into triangles. Where the boundary touches itself, its sheets are moved apart by a hundredth
+    of an edge, so that the surface is manifold. Raises `StageError` if cells do not meet face to face, or if the
+    boundary intersects itself.
     """
     if params.shape == "box":
         return _box(mesh)
     faces = cells.faces(mesh.cells)
     if len(faces.clashing) or len(faces.crowded):
         raise StageError(
-            f"mesh: cells do not match at {len(faces.clashing) + len(faces.crowded)} of the faces that they share; "
-            f"{_REPAIR}"
+            f"mesh: cells do not match at {len(faces.clashing) + len(faces.crowded)} of their shared faces; {_REPAIR}"
         )
     surface, owners = boundary_triangles(mesh.vertices, faces)
     _require_apart(mesh, surface, owners)
@@ -79,7 +78,7 @@ def _box(mesh: VolumeMesh) -> OuterShape:
 
 
 def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
-    """Require that no body lies within another: about a cell of each, the boundary winds once."""
+    """Require that bodies do not overlap: the boundary's winding number is 1 in a cell of each."""
     vertices, pieces = mesh.vertices, triangles.face_pieces(surface)
     bodies = np.flatnonzero(triangles.piece_volumes(vertices, surface, pieces) > 0.0)
     if len(bodies) == 1:
@@ -91,7 +90,7 @@ def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
         winding = triangles.winding_number(centre, vertices, surface)
         if round(winding) != 1:
             raise StageError(
-                f"mesh: {round(winding)} bodies lie upon each other at {centre[0]:.4g}, {centre[1]:.4g}, "
+                f"mesh: {round(winding)} bodies overlap at {centre[0]:.4g}, {centre[1]:.4g}, "
                 f"{centre[2]:.4g} mm; set load_volume_mesh.component to largest, or {_REPAIR}"
             )
 
@@ -99,7 +98,7 @@ def _require_apart(mesh: VolumeMesh, surface: Ints, owners: Ints) -> None:
 def _split_touching(
     vertices: Floats, surface: Ints, params: ExtractOuterParams, notes: list[str], facts: dict[str, Fact]
 ) -> tuple[Floats, Ints]:
-    """Move the surface apart where it touches itself."""
+    """Move the sheets of the surface apart where it touches itself."""
     faults, at_vertices = triangles.edge_faults(surface), triangles.touching_vertices(surface)
     if not faults.non_manifold and not at_vertices:
         return vertices, surface
@@ -109,34 +108,34 @@ def _split_touching(
             f"`touching: part` to move it apart there, or {_REPAIR}"
         )
     try:
-        parted = vertex_splitting.split_non_manifold(vertices, surface)
+        split = vertex_splitting.split_non_manifold(vertices, surface)
     except StageError as error:
         raise StageError(f"mesh: {error}; {_REPAIR}") from error
-    said = (
-        f"parted at {parted.touching_vertices} vertices and {parted.touching_edges} edges where the boundary touches "
-        f"itself, by at most {parted.farthest:.2g} mm"
+    note = (  # notes are part of the artifact's hash
+        f"parted at {split.touching_vertices} vertices and {split.touching_edges} edges where the boundary touches "
+        f"itself, by at most {split.farthest:.2g} mm"
     )
-    notes.append(said)
+    notes.append(note)
     facts |= {
-        "boundary_vertices_parted": parted.touching_vertices,
-        "boundary_edges_parted": parted.touching_edges,
-        "boundary_parting_mm": parted.farthest,
+        "boundary_vertices_parted": split.touching_vertices,
+        "boundary_edges_parted": split.touching_edges,
+        "boundary_parting_mm": split.farthest,
     }
-    warn(f"the outer shape is {said}")
-    return parted.vertices, parted.faces
+    warn(f"the outer shape is {note}")
+    return split.vertices, split.faces
 
 
 def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
-    found = call_in_child(
+    crossing = call_in_child(
         self_intersections.find_self_intersections,
         {"vertices": vertices, "faces": surface},
         {},
         seconds=60.0 + len(surface) / 5_000,  # exact arithmetic; millions of sound triangles take seconds
-        about=f"the mesh's boundary could not be searched for self-intersections: {_REPAIR}",
+        about=f"the search for self-intersections of the mesh's boundary failed: {_REPAIR}",
     )["faces"]
-    if len(found):
-        at = vertices[surface[found[0]]].mean(axis=0)
+    if len(crossing):
+        at = vertices[surface[crossing[0]]].mean(axis=0)
         raise StageError(
-            f"mesh: its boundary passes through itself: {len(found)} triangles intersect others "
+            f"mesh: its boundary intersects itself: {len(crossing)} triangles intersect others "
             f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {_REPAIR}"
         )

@@ -19,9 +19,9 @@ class ExtrudeParams(Params):
 
 @stage(writes="solid", version=2)
 def extrude(contour: Contour, *, params: ExtrudeParams) -> Solid:
-    """Make a plate of a contour, `height` mm thick, standing on its plane.
+    """Extrude a contour to a plate, `height` mm thick, from the contour's plane upwards.
 
-    All its pieces are kept. Raises `StageError` where it has details finer than single precision holds.
+    All pieces are kept. Raises `StageError` if details are lost in single precision.
     """
     from scaffold_geometry.planar import regions
     from scaffold_geometry.surfaces.float32 import snap_to_float32
@@ -33,7 +33,7 @@ def extrude(contour: Contour, *, params: ExtrudeParams) -> Solid:
 
 
 def _pore_areas(contour: Contour) -> Floats:
-    """Return the area of each connected pore within the outline, greatest first, mm^2."""
+    """Return the area of each connected pore inside the outline, the greatest first, mm^2."""
     from scaffold_geometry.planar.regions import pieces_of, to_region
 
     pores = to_region(contour.outline.rings) - to_region(contour.solid.rings)

@@ -1,4 +1,4 @@
-"""`hexahedralise`: the outer shape filled with hexahedra, as cubes along the axes or fitted to its surface."""
+"""Stage `hexahedralise`: fill the outer shape with hexahedra, as cubes along the axes or fitted to its surface."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.volumes import cells, lattices
 from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_geometry.volumes.hexahedra import fitting
-from scaffold_geometry.volumes.hexahedra.overlaps import cubes_met
+from scaffold_geometry.volumes.hexahedra.overlaps import find_overlapping_cubes
 from scaffold_geometry.voxels.grids import grid_over
 from scaffold_pipeline.artifacts import Fact, OuterShape, VolumeMesh
 from scaffold_pipeline.errors import StageError, warn
@@ -21,43 +21,43 @@ from scaffold_pipeline.processes.memory import available_memory
 from scaffold_pipeline.stages.contract import Millimetres, Params, stage
 
 _BYTES_PER_CUBE, _BYTES_PER_CELL = 80, 2000
-"""Memory for a cube of the shape's box and for a cell of the mesh (28,000 cells of a heel bone took 1,230 a cell)."""
+"""Memory per cube of the bounding box and per cell of the mesh (a heel bone with 28,000 cells took 1,230 per cell)."""
 
 _ON_SURFACE = 1e-6
-"""Share of the cell size within which a vertex lies on the surface."""
+"""Distance from the surface, in cell sizes, up to which a vertex counts as on the surface."""
 
 _WELL_FILLED = 0.95
-"""Share of the shape's volume that a fitted mesh fills if the cells are small enough for it."""
+"""Least share of the shape's volume that a fitted mesh of sufficiently small cells fills."""
 
 
 class HexahedraliseParams(Params):
     """Parameters of `hexahedralise`."""
 
     cell_size: Millimetres = Field(gt=0.0)
-    """Edge of the cubes, about the distance from pore to pore; those of `fitted` are made smaller near the surface."""
+    """Edge length of the cubes, roughly the distance between pore centres; smaller near the surface with `fitted`."""
 
     kind: Literal["grid", "fitted"] = "fitted"
-    """`grid` takes every cube along the axes that meets the shape, whole; `fitted` ends on its surface."""
+    """`grid`: all whole cubes along the axes that overlap the shape; `fitted`: the mesh ends on the surface."""
 
 
 @stage(writes="mesh", version=1)
 def hexahedralise(outer: OuterShape, *, params: HexahedraliseParams) -> VolumeMesh:
-    """Fill the outer shape with hexahedra: whole cubes along the axes, or fitted so that they end on its surface.
+    """Fill the outer shape with hexahedra: whole cubes along the axes, or a mesh fitted to its surface.
 
-    A fitted mesh has no inverted cell: the Jacobian is positive at every corner; a vertex of the boundary that cannot
-    reach the surface so stays off it and is counted. Parts thinner than a cell may be left out. The same shape gives
-    the same mesh, a mirrored one its mirror image. Raises `StageError` where the cells are larger than the shape, or
-    more than memory holds.
+    A fitted mesh has no inverted cell: the Jacobian is positive at every corner. A boundary vertex that cannot reach
+    the surface without inverting a cell stays off it and is counted. Parts thinner than a cell may be left out. The
+    same shape gives the same mesh, a mirrored shape its mirror image. Raises `StageError` if cells are larger than the
+    shape, or too many for the memory.
     """
     _require_size(outer, params.cell_size)
     if params.kind == "grid":
         return _cubes(outer, params.cell_size)
-    found = fitting.fit_hexahedra(outer.vertices, outer.faces, params.cell_size)
-    if found is None:
+    fitted = fitting.fit_hexahedra(outer.vertices, outer.faces, params.cell_size)
+    if fitted is None:
         raise StageError(
             f"cell_size {params.cell_size:g} mm: no cell fits into the outer shape of {_extent(outer)} mm; lower it"
         )
-    vertices, hexahedra, inner = found
+    vertices, hexahedra, inner = fitted
     facts = _facts(outer, vertices, hexahedra)
     facts |= _fit(outer, vertices, hexahedra, inner, params.cell_size)
     _warn_of_gaps(facts, outer)
@@ -71,21 +71,21 @@ def _extent(outer: OuterShape) -> str:
 def _require_size(outer: OuterShape, size: float) -> None:
     if size > np.ptp(outer.bounds, axis=0).max():
         raise StageError(f"cell_size {size:g} mm: larger than the outer shape of {_extent(outer)} mm; lower it")
-    needed, there = _estimate_memory(outer, size), available_memory()
-    if needed > there:
+    needed, free = _estimate_memory(outer, size), available_memory()
+    if needed > free:
         fitting_size = size
-        while _estimate_memory(outer, fitting_size) > there:
+        while _estimate_memory(outer, fitting_size) > free:
             fitting_size = float(f"{1.1 * fitting_size:.2g}")
         raise StageError(
-            f"cell_size {size:g} mm: the cells need {needed / 2**30:.1f} GiB, but {there / 2**30:.1f} GiB are free; "
-            f"{fitting_size:g} mm would fit"
+            f"cell_size {size:g} mm: the cells need {needed / 2**30:.1f} GiB, but {free / 2**30:.1f} GiB are free; "
+            f"use {fitting_size:g} mm or more"
         )
 
 
 def _estimate_memory(outer: OuterShape, size: float) -> float:
-    """Return the bytes that cells of `size` mm need: the cubes of the shape's box, and those that meet it."""
+    """Return the bytes that cells of `size` mm need: for the cubes of the bounding box, and for those in the shape."""
     counts: list[float] = (np.ptp(outer.bounds, axis=0) / size + 5.0).tolist()
-    # A plane's staircase has at most 1.73 times its area, and each square of it a cell.
+    # The stepped surface of a plane has at most 1.73 times its area, and one cell per square.
     number = outer.volume / size**3 + 2.0 * outer.area / size**2
     return math.prod(counts) * _BYTES_PER_CUBE + number * _BYTES_PER_CELL
 
@@ -93,14 +93,14 @@ def _estimate_memory(outer: OuterShape, size: float) -> float:
 def _cubes(outer: OuterShape, size: float) -> VolumeMesh:
     origin, samples = grid_over(outer.bounds, size, 0)
     shape = (samples[0] - 1, samples[1] - 1, samples[2] - 1)
-    met = cubes_met(outer.vertices, outer.faces, origin, size, shape)
-    lattice, hexahedra = lattices.on_lattice(np.argwhere(met), lattices.HEXAHEDRON)
+    overlapping = find_overlapping_cubes(outer.vertices, outer.faces, origin, size, shape)
+    lattice, hexahedra = lattices.on_lattice(np.argwhere(overlapping), lattices.HEXAHEDRON)
     vertices = origin + size * lattice
     return VolumeMesh(vertices, hexahedra=hexahedra, facts=_facts(outer, vertices, hexahedra))
 
 
 def _facts(outer: OuterShape, vertices: Floats, hexahedra: Ints) -> dict[str, Fact]:
-    """Return what is told of either kind: the pieces, joined by faces, and the cells' volume over the shape's."""
+    """Return the facts of both kinds: the number of face-connected pieces, and the volume as a share of the shape's."""
     kind = {"hexahedron": hexahedra}
     pieces = cells.pieces(cells.faces(kind).neighbours, len(hexahedra))
     filled = float(cells.volumes(vertices, kind).sum()) / outer.volume
@@ -108,7 +108,7 @@ def _facts(outer: OuterShape, vertices: Floats, hexahedra: Ints) -> dict[str, Fa
 
 
 def _fit(outer: OuterShape, vertices: Floats, hexahedra: Ints, inner: int, size: float) -> dict[str, Fact]:
-    """Return how square the cells are, how near their boundary comes to the surface, and this to it."""
+    """Return the quality of the cells, and the distances from their boundary to the surface and back."""
     from scaffold_geometry.volumes.hexahedra.quality import least_jacobians
 
     quality = least_jacobians(vertices, hexahedra)
@@ -127,16 +127,16 @@ def _fit(outer: OuterShape, vertices: Floats, hexahedra: Ints, inner: int, size:
 
 
 def _warn_of_gaps(facts: dict[str, Fact], outer: OuterShape) -> None:
-    """Warn of a mesh that misses parts of the shape, or comes apart where the shape does not."""
+    """Warn if the mesh misses parts of the shape, or is in more pieces than the shape."""
     bodies = triangles.piece_volumes(outer.vertices, outer.faces, triangles.face_pieces(outer.faces))
     pieces, share = int(str(facts["pieces"])), float(str(facts["volume_share"]))
-    said = []
+    faults = []
     if share < _WELL_FILLED:
-        said.append(f"fill {share:.1%} of the outer shape's volume")
+        faults.append(f"fill {share:.1%} of the outer shape's volume")
     if pieces > (bodies > 0.0).sum():
-        said.append(f"are in {pieces} pieces")
-    if said:
+        faults.append(f"are in {pieces} pieces")
+    if faults:
         warn(
-            f"the hexahedra {' and '.join(said)}: they leave out what is thinner than they are and cut short what is "
-            "rounder; lower cell_size, or set `kind: grid`"
+            f"the hexahedra {' and '.join(faults)}: they leave out parts that are thinner or more curved than a cell; "
+            "lower cell_size, or set `kind: grid`"
         )

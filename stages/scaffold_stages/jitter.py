@@ -1,4 +1,4 @@
-"""Stage `jitter`: random porosity by moving the vertices of the mesh."""
+"""Stage `jitter`: random pore geometry by random movement of the mesh's vertices."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ import numpy as np
 from pydantic import Field
 
 from scaffold_geometry.arrays import Bools, Floats, Ints
-from scaffold_geometry.volumes.jitter import random_steps, sound_move
+from scaffold_geometry.volumes.jitter import move_without_inversion, random_steps
 from scaffold_pipeline.artifacts import VolumeMesh
 from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.stages.contract import Params, Unit, stage
 
 _PULLS = 6
-"""Halvings of a step along the boundary that comes out longer than allowed, before it is given up."""
+"""Halvings of a step along the boundary that is longer than allowed, before it is set to zero."""
 
 
 class JitterParams(Params):
     """Parameters of `jitter`."""
 
     amount: Annotated[float, Unit("mean length of the vertex's edges")] = Field(default=0.2, ge=0.0, lt=0.5)
-    """Greatest distance that a vertex moves."""
+    """Greatest displacement of a vertex."""
 
     boundary: Literal["surface", "free"] = "surface"
-    """Whether vertices of the boundary slide on it or move freely."""
+    """`surface`: vertices of the boundary slide along it; `free`: they move as all others."""
 
 
 @stage(writes="mesh", version=2)
 def jitter(mesh: VolumeMesh, *, params: JitterParams, rng: np.random.Generator) -> VolumeMesh:
-    """Move each vertex in a random direction, by at most `amount` of the mean length of its edges.
+    """Move each vertex in a random direction, by at most `amount` times the mean length of its edges.
 
-    Directions are uniform on the sphere, distances uniform up to the greatest. No cell turns over: the steps of the
-    vertices of a cell that would are halved until it does not, and at last given up.
+    Directions are uniform on the sphere, distances uniform up to the greatest. No cell is inverted: the steps of a
+    cell's vertices are halved until it is not, and after six halvings set to zero.
     """
     steps = random_steps(mesh.vertices, mesh.cells, params.amount, rng, 3)
-    moved, scales = sound_move(
+    moved, scales = move_without_inversion(
         mesh.vertices, mesh.cells, steps, _slider(mesh) if params.boundary == "surface" else None
     )
     facts = {
@@ -48,7 +48,7 @@ def jitter(mesh: VolumeMesh, *, params: JitterParams, rng: np.random.Generator) 
 
 
 def _boundary_triangles(mesh: VolumeMesh) -> Ints:
-    """Return the faces of only one cell as triangles, (m, 3): quadrangles are cut along a diagonal."""
+    """Return the boundary faces as triangles, (m, 3); quadrangles are split along a diagonal."""
     faces = [
         np.pad(cells[:, face], ((0, 0), (0, 4 - len(face))), constant_values=-1)
         for kind, cells in mesh.cells.items()
@@ -68,22 +68,22 @@ def _boundary_vertices(mesh: VolumeMesh) -> Bools:
 
 
 def _slider(mesh: VolumeMesh) -> Callable[[Bools, Floats], Floats]:
-    """Return what brings those vertices of the boundary that move back to it."""
+    """Return a function that projects moved boundary vertices back onto the boundary."""
     sliding, boundary = _boundary_vertices(mesh), _boundary_triangles(mesh)
 
     def settle(changed: Bools, moved: Floats) -> Floats:
         on_surface = changed & sliding
-        moved[on_surface] = _on_boundary(mesh, boundary, on_surface, moved[on_surface])
+        moved[on_surface] = _project(mesh, boundary, on_surface, moved[on_surface])
         return moved
 
     return settle
 
 
-def _on_boundary(mesh: VolumeMesh, boundary: Ints, which: Bools, wanted: Floats) -> Floats:
-    """Return the boundary's points nearest to where its vertices `which` want to go, (k, 3), no farther than that.
+def _project(mesh: VolumeMesh, boundary: Ints, which: Bools, wanted: Floats) -> Floats:
+    """Return the boundary points nearest to the positions `wanted` of its vertices `which`, (k, 3).
 
-    About a notch the nearest point can be farther from the start than the one wanted, up to twice: then half the way
-    is wanted, and so on.
+    At a notch the nearest point can be up to twice as far from the start as the wanted one: then the step is halved
+    until it is not.
     """
     import igl
 

@@ -1,4 +1,4 @@
-"""Stage `jitter_planar`: random porosity in a plane by moving the vertices of a planar mesh."""
+"""Stage `jitter_planar`: random pore geometry in a plane by random movement of a planar mesh's vertices."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ import numpy as np
 from pydantic import Field
 
 from scaffold_geometry.arrays import Floats
-from scaffold_geometry.volumes.jitter import random_steps, sound_move
+from scaffold_geometry.volumes.jitter import move_without_inversion, random_steps
 from scaffold_pipeline.artifacts import PlanarMesh
 from scaffold_pipeline.artifacts.cells import distinct_rows, faces_of_cells
 from scaffold_pipeline.stages.contract import Params, Unit, stage
 
 _STRAIGHT = 1e-9
-"""Sine of the greatest angle at which two edges of the outline are one straight line, but for rounding."""
+"""Sine of the greatest angle between two edges of the outline that are one straight line up to rounding."""
 
 
 class JitterPlanarParams(Params):
     """Parameters of `jitter_planar`."""
 
     amount: Annotated[float, Unit("mean length of the vertex's edges")] = Field(default=0.2, ge=0.0, lt=0.5)
-    """Greatest distance that a vertex moves."""
+    """Greatest displacement of a vertex."""
 
     boundary: Literal["outline", "free"] = "outline"
-    """Whether the outline stays as it is, its vertices sliding on its straight parts only, or moves freely."""
+    """`outline`: the outline keeps its shape, its vertices slide along straight parts; `free`: they move freely."""
 
 
 @stage(writes="mesh", version=1)
 def jitter_planar(mesh: PlanarMesh, *, params: JitterPlanarParams, rng: np.random.Generator) -> PlanarMesh:
-    """Move each vertex in a random direction in the plane, by at most `amount` of the mean length of its edges.
+    """Move each vertex in a random direction in the plane, by at most `amount` times the mean length of its edges.
 
-    Directions are uniform on the circle, distances uniform up to the greatest. No tile turns over: the steps of the
-    vertices of a tile that would are halved until it does not, and at last given up.
+    Directions are uniform on the circle, distances uniform up to the greatest. No cell is inverted: the steps of a
+    cell's vertices are halved until it is not, and after six halvings set to zero.
     """
     steps = random_steps(mesh.vertices, mesh.cells, params.amount, rng, 2)
     if params.boundary == "outline":
         steps = _along_outline(mesh, steps)
-    moved, scales = sound_move(mesh.vertices, mesh.cells, steps)
+    moved, scales = move_without_inversion(mesh.vertices, mesh.cells, steps)
     facts = {
         **mesh.facts,
         "vertices_moved": int((moved != mesh.vertices).any(axis=1).sum()),
@@ -47,9 +47,9 @@ def jitter_planar(mesh: PlanarMesh, *, params: JitterPlanarParams, rng: np.rando
 
 
 def _along_outline(mesh: PlanarMesh, steps: Floats) -> Floats:
-    """Return the steps (n, 3) with those of the outline along its straight parts, and none at its corners.
+    """Return the steps (n, 3), those of the outline projected onto its straight parts, and zero at its corners.
 
-    Where pieces of the outline meet at a vertex, it stays too.
+    A vertex where pieces of the outline meet does not move either.
     """
     edges = faces_of_cells(mesh.cells)[:, :2]
     groups = distinct_rows(np.sort(edges, axis=1))[1]

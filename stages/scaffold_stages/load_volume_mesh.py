@@ -139,7 +139,7 @@ def _clean(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tuple
             f"the order of the file's format; {_REPAIR}"
         )
     kept = _without(given, cells.duplicate_cells(given), "dropped {} cells with the corners of another", notes)
-    kept = _without(kept, cells.flat(vertices, kept), "dropped {} cells without volume", notes)
+    kept = _without(kept, cells.flat_cells(vertices, kept), "dropped {} cells without volume", notes)
     if not kept:
         raise StageError(f"{name}: no cell has a volume; is the mesh flat? {_REPAIR} [{'; '.join(notes)}]")
     kept, turned = cells.reorient_cells(vertices, kept)
@@ -149,7 +149,7 @@ def _clean(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tuple
 
 def _without(given: Cells, bad: Bools, said: str, notes: list[str]) -> Cells:
     _note(notes, int(bad.sum()), said)
-    return cells.chosen(given, ~bad)
+    return cells.select_cells(given, ~bad)
 
 
 def _require_faces_match(vertices: Floats, kept: Cells, faces: Faces, name: str) -> None:
@@ -158,7 +158,7 @@ def _require_faces_match(vertices: Floats, kept: Cells, faces: Faces, name: str)
     if len(bad):
         only = np.zeros(cells.count(kept), dtype=bool)
         only[bad[0]] = True
-        (corners,) = cells.chosen(kept, only).values()
+        (corners,) = cells.select_cells(kept, only).values()
         at = vertices[corners[0]].mean(axis=0)
         raise StageError(
             f"{name}: cells overlap: {len(faces.clashing)} pairs lie on the same side of the face that they share (one "
@@ -171,7 +171,7 @@ def _tell_of_cracks(vertices: Floats, faces: Faces, name: str, notes: list[str])
     """Warn of vertices of the boundary at the place of another: cells that touch there, but do not hang together."""
     on_boundary = vertices[np.unique(np.concatenate([faces.triangles.ravel(), faces.quadrangles.ravel()]))]
     distance = _SAME_PLACE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
-    double = cells.coincident(on_boundary, distance)
+    double = cells.count_coincident_points(on_boundary, distance)
     if double:
         said = f"{double} vertices of the boundary lie within {distance:.2g} mm of another"
         notes.append(said)
@@ -197,7 +197,7 @@ def _chosen(vertices: Floats, given: Cells, faces: Faces, params: LoadVolumeMesh
             f"{params.path.name}: dropped a piece of {next_one:.6g} mm^3 beside the largest of {largest:.6g} mm^3 "
             "(cells hang together where they share a face); set `component: all` to keep every piece"
         )
-    return cells.chosen(given, kept)
+    return cells.select_cells(given, kept)
 
 
 def _require_agreement(vertices: Floats, kept: Cells, name: str) -> None:

@@ -1,4 +1,4 @@
-"""Stage `make_planar_mesh`: tiles in a plane from a formula, centred over the origin."""
+"""Stage `make_planar_mesh`: regular meshes in a plane, centred at x = y = 0."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ class MakePlanarMeshParams(Params):
     """Parameters of `make_planar_mesh`."""
 
     shape: Literal["triangle", "quadrangle", "triangles", "quadrangles", "disc"] = "quadrangle"
-    """One equilateral triangle, one square, a rectangle of either, or a disc of triangles."""
+    """One equilateral triangle, one square, a rectangle of triangles or squares, or a disc of triangles."""
 
     counts: tuple[Count, Count] | None = None
-    """Squares along x and y, or triangles along the lower side and rows of them; a rectangle needs it."""
+    """Number of squares along x and y, or of triangles along the lower side and of rows; required for a rectangle."""
 
     rings: Count | None = None
-    """Rings of triangles around the middle of a disc, which needs it; 6 k edges make up the k-th."""
+    """Number of rings of triangles in a disc, required for it; ring k has 6 k edges on its outside."""
 
     edge: Millimetres = Field(default=1.0, gt=0.0)
-    """Length of the edges; in a disc of those along its spokes, so that its radius is rings x edge."""
+    """Edge length; in a disc that of the radial edges, so that its radius is rings x edge."""
 
     z: Annotated[float, Unit("mm")] = 0.0
-    """Place of the plane."""
+    """Height of the plane."""
 
     @model_validator(mode="after")
     def _only_what_applies(self) -> MakePlanarMeshParams:
@@ -39,9 +39,9 @@ class MakePlanarMeshParams(Params):
         for name in ("counts", "rings"):
             if (getattr(self, name) is None) == (name == needed):
                 rule = (
-                    "is needed with shape: {}; give it"
+                    "is required with shape: {}; give it"
                     if name == needed
-                    else "has no meaning with shape: {}; leave it out"
+                    else "does not apply to shape: {}; leave it out"
                 )
                 raise ValueError(f"{name}: {rule.format(self.shape)}")
         return self
@@ -49,9 +49,9 @@ class MakePlanarMeshParams(Params):
 
 @stage(writes="mesh", version=1)
 def make_planar_mesh(*, params: MakePlanarMeshParams) -> PlanarMesh:
-    """Make a triangle, a square, a rectangle of either or a disc, centred over the origin.
+    """Make a planar mesh: a triangle, a square, a rectangle of triangles or squares, or a disc, centred at x = y = 0.
 
-    A rectangle of triangles has equilateral ones but for halves at the two ends of each row.
+    A rectangle of triangles has equilateral triangles, and half ones at both ends of each row.
     """
     if params.shape == "disc":
         places, tiles = _disc(params.rings or 1)
@@ -72,7 +72,7 @@ def _squares(columns: int, rows: int) -> tuple[Floats, Ints]:
 
 
 def _triangles(columns: int, rows: int) -> tuple[Floats, Ints]:
-    """Return rows of triangles: every other line of vertices is shifted by half an edge, but for its ends."""
+    """Return rows of triangles: every other line of vertices is shifted by half an edge, except for its ends."""
     whole = np.arange(columns + 1.0)
     shifted = np.concatenate([[0.0], whole[:-1] + 0.5, [float(columns)]])
     lines = [shifted if row % 2 else whole for row in range(rows + 1)]
@@ -87,19 +87,19 @@ def _triangles(columns: int, rows: int) -> tuple[Floats, Ints]:
 
 
 def _strip_up(low: int, high: int, columns: int) -> list[Tile]:
-    """Return the triangles between two lines of vertices that begin at `low` and `high`, the upper one shifted."""
+    """Return the triangles between lines of vertices that begin at `low` and `high`, the upper line shifted."""
     pointing_down = [(low + i, high + i + 1, high + i) for i in range(columns + 1)]
     return pointing_down + [(low + i, low + i + 1, high + i + 1) for i in range(columns)]
 
 
 def _strip_down(low: int, high: int, columns: int) -> list[Tile]:
-    """Return the same with the lower one shifted."""
+    """Return the same with the lower line shifted."""
     pointing_up = [(low + i, low + i + 1, high + i) for i in range(columns + 1)]
     return pointing_up + [(low + i + 1, high + i + 1, high + i) for i in range(columns)]
 
 
 def _disc(rings: int) -> tuple[Floats, Ints]:
-    """Return 6 k points on the k-th ring, and between rings the triangles of a hexagon's six sectors."""
+    """Return 6 k points on ring k, and the triangles between rings in six sectors."""
     places, tiles = [np.zeros((1, 2))], []
     for k in range(1, rings + 1):
         angles = np.arange(6 * k) * (np.pi / (3 * k))

@@ -1,8 +1,8 @@
-"""`make_shape`: an outer shape from a formula, for trying things without a file.
+"""Stage `make_shape`: an outer shape from a formula, for trials without a file.
 
-Shapes stand on z = 0 over the origin. The femur is a signed distance made of Inigo Quilez's primitives and his
-quadratic smooth minimum (iquilezles.org/articles/distfunctions and /smin), in the size of a grown person's:
-z up along the shaft, x medial, y anterior.
+Shapes stand on z = 0, centred at x = y = 0. The femur is a signed distance function made of Inigo Quilez's primitives
+and quadratic smooth minimum (iquilezles.org/articles/distfunctions and /smin), in the size of an adult: z up along the
+shaft, x medial, y anterior.
 """
 
 from __future__ import annotations
@@ -26,43 +26,43 @@ Mesh: TypeAlias = tuple[Floats, Ints]
 Size: TypeAlias = tuple[float, float, float]
 
 _FINEST = 300
-"""Facets along the height: with more, the samples of a femur take gigabytes."""
+"""Greatest number of facets along the longest side: with more, the samples of a femur take gigabytes."""
 _COARSEST = {"box": 1, "ball": 3, "cylinder": 2, "femur": 20}
-"""Facets along the shortest side, or the femur's height, that show the shape."""
+"""Least number of facets along the shortest side, or the femur's height, that represents the shape."""
 
 _LIFE_HEIGHT = 151.0
 _LIFE_BOX = np.array([[-36.0, -34.0, -8.0], [76.0, 40.0, 160.0]])
-"""mm: height and surroundings of the femur in life size."""
+"""mm: height and sampling box of the life-size femur."""
 _EDGE_PER_SPACING = 0.91
-"""Mean edge of the relaxed femur over the spacing of its samples (measured: 0.90 to 0.92)."""
+"""Mean edge of the smoothed femur over the spacing of its samples (measured: 0.90 to 0.92)."""
 _ROUNDS = 10
-"""Rounds of relaxation: triangles of 4 degrees become 20 or more, further rounds change little."""
+"""Rounds of smoothing: the least angles of triangles rise from 4 to 20 degrees; more rounds change little."""
 
 
 class MakeShapeParams(Params):
     """Parameters of `make_shape`."""
 
     shape: Literal["box", "ball", "cylinder", "femur"] = "femur"
-    """Which shape; `femur` is the upper end of a left femur: head, neck, trochanters and shaft."""
+    """Kind of shape; `femur` is the proximal end of a left femur: head, neck, trochanters and shaft."""
 
     height: Millimetres = Field(default=60.0, gt=0.0)
-    """Extent along z: a ball's diameter, a femur from the cut to the top of its head (life size: 151)."""
+    """Size along z; the diameter of a ball; for a femur from the cut to the top of the head (life size: 151)."""
 
     width: Annotated[float | None, Unit("mm")] = Field(default=None, gt=0.0)
-    """Extent of a box along x, or the diameter of a cylinder; left out, the height."""
+    """Size of a box along x, or diameter of a cylinder; by default the height."""
 
     depth: Annotated[float | None, Unit("mm")] = Field(default=None, gt=0.0)
-    """Extent of a box along y; left out, its width."""
+    """Size of a box along y; by default the width."""
 
     facet: Millimetres = Field(default=2.0, gt=0.0)
-    """Length of a triangle's edge that is aimed at."""
+    """Target edge length of the triangles."""
 
     @model_validator(mode="after")
     def _require_a_sensible_size(self) -> MakeShapeParams:
         if self.width is not None and self.shape not in {"box", "cylinder"}:
-            raise ValueError(f"width: a {self.shape} has none, its height gives its size; leave it out")
+            raise ValueError(f"width: is not for a {self.shape}, whose size is its height; leave it out")
         if self.depth is not None and self.shape != "box":
-            raise ValueError(f"depth: a {self.shape} has none; leave it out")
+            raise ValueError(f"depth: is not for a {self.shape}; leave it out")
         coarsest = min(self.size) / _COARSEST[self.shape]
         finest = max(self.size) / _FINEST
         if not finest <= self.facet <= coarsest:
@@ -74,16 +74,16 @@ class MakeShapeParams(Params):
 
     @property
     def size(self) -> Size:
-        """Extents along x, y and z, mm; for a femur all three are its height."""
+        """Sizes along x, y and z, mm; for a femur all three are its height."""
         width = self.width or self.height
         return width, self.depth or width, self.height
 
 
 @stage(writes="outer", version=1)
 def make_shape(*, params: MakeShapeParams) -> OuterShape:
-    """Make a box, ball, cylinder or femur: closed, outward, of even triangles, the same at every run.
+    """Make a box, ball, cylinder or femur: a closed, outward surface of even triangles, the same in every run.
 
-    A `StageError` where the facets come out too coarse to close the surface.
+    Raises `StageError` if the facets are too coarse for a closed surface.
     """
     make = {"box": _box, "ball": _ball, "cylinder": _cylinder, "femur": _femur}[params.shape]
     vertices, faces = make(params.size, params.facet)
@@ -111,7 +111,7 @@ def _box(size: Size, facet: float) -> Mesh:
 
 
 def _ball(size: Size, facet: float) -> Mesh:
-    """Divide the faces of an icosahedron evenly and push the corners out to the sphere."""
+    """Subdivide the faces of an icosahedron evenly and project the vertices onto the sphere."""
     radius = size[2] / 2.0
     base, base_faces = icosahedron()
     # An edge of the icosahedron spans arctan(2) of the sphere.
@@ -121,7 +121,7 @@ def _ball(size: Size, facet: float) -> Mesh:
     down = np.stack([[i + 1, j], [i + 1, j + 1], [i, j + 1]], axis=-1)[..., i + j < count - 1, :]
     steps = np.concatenate([up, down], axis=1).transpose(1, 2, 0)
     shares = np.concatenate([steps, count - steps.sum(axis=2, keepdims=True)], axis=2)
-    # Whole-number shares of the base's corners tell exactly which corners of neighbouring faces are one.
+    # Whole-number weights of the base's corners identify the common vertices of neighbouring faces exactly.
     weights = np.zeros((len(base_faces), *shares.shape[:2], len(base)), dtype=np.int64)
     for face, weight in zip(base_faces, weights, strict=True):
         weight[..., face] = shares
@@ -148,7 +148,7 @@ def _cylinder(size: Size, facet: float) -> Mesh:
 
 
 def _disc(radius: float, count: int) -> Mesh:
-    """Return a disc of `count` rings, ring k of 6 k points: vertices (n, 2), the rim last, and its faces."""
+    """Return a disc of `count` rings with 6 k points on ring k: vertices (n, 2), the rim last, and its faces."""
     rings = [np.zeros((1, 2))]
     for ring in range(1, count + 1):
         angle = 2.0 * np.pi * np.arange(6 * ring) / (6 * ring)
@@ -169,14 +169,14 @@ def _disc(radius: float, count: int) -> Mesh:
 
 
 def _femur(size: Size, facet: float) -> Mesh:
-    """Mesh the femur in life size, relax its triangles on the surface, and scale it."""
+    """Mesh the life-size femur, smooth its triangles on the surface, and scale it."""
     from skimage.measure import marching_cubes
 
     scale = size[2] / _LIFE_HEIGHT
     spacing = facet / scale / _EDGE_PER_SPACING
     axes = [np.arange(low, high, spacing) for low, high in _LIFE_BOX.T]
     samples = _femur_distance(*np.meshgrid(*axes, indexing="ij", sparse=True))
-    # A sample next to the surface makes slivers, one upon it open edges.
+    # A sample close to the surface makes slivers, one on it open edges.
     near = 0.05 * spacing
     samples = np.where(np.abs(samples) < near, np.copysign(near, samples), samples)
     vertices, faces, _, _ = marching_cubes(
@@ -187,7 +187,7 @@ def _femur(size: Size, facet: float) -> Mesh:
 
 
 def _femur_distance(x: Floats, y: Floats, z: Floats) -> Floats:
-    """Return the signed distance (near the surface) to a left femur in life size, mm, negative inside."""
+    """Return the signed distance (near the surface) to a life-size left femur, mm, negative inside."""
     p = (x, y, z)
     bone = _round_cone(p, (-1.0, 3.0, -15.0), (0.0, 0.0, 60.0), 13.5, 14.5)
     for part, blend in (
@@ -202,13 +202,13 @@ def _femur_distance(x: Floats, y: Floats, z: Floats) -> Floats:
 
 
 def _smooth_minimum(a: Floats, b: Floats, blend: float) -> Floats:
-    """Return the lesser of a and b, rounded off where they differ by less than `blend` (Quilez, quadratic)."""
+    """Return the minimum of a and b, smoothed where they differ by less than `blend` (Quilez, quadratic)."""
     nearness = np.maximum(blend - np.abs(a - b), 0.0) / blend
     return np.asarray(np.minimum(a, b) - nearness**2 * blend / 4.0)
 
 
 def _round_cone(p: tuple[Floats, Floats, Floats], a: Size, b: Size, at_a: float, at_b: float) -> Floats:
-    """Return the distance to the segment a-b less a radius that goes from `at_a` to `at_b` along it."""
+    """Return the distance to the segment a-b minus a radius that changes from `at_a` to `at_b` along it."""
     axis = np.subtract(b, a)
     from_a = [coordinate - start for coordinate, start in zip(p, a, strict=True)]
     along = sum(offset * step for offset, step in zip(from_a, axis, strict=True)) / (axis @ axis)
@@ -226,7 +226,7 @@ def _ellipsoid(p: tuple[Floats, Floats, Floats], centre: Size, radii: Size) -> F
 
 
 def _relax(vertices: Floats, faces: Ints, distance: Callable[[Floats, Floats, Floats], Floats]) -> Floats:
-    """Move each vertex half-way to the mean of its neighbours and back onto the surface, ten times over."""
+    """Move each vertex half-way to the mean of its neighbours and back onto the surface, in ten rounds."""
     from scipy.sparse import coo_array
 
     starts, ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
@@ -247,6 +247,6 @@ def _on_surface(vertices: Floats, distance: Callable[[Floats, Floats, Floats], F
         ],
         axis=1,
     )
-    # Blended distances rise by less than one; below a half a step would go astray.
+    # Blended distances have a gradient below one; with less than a half a step would overshoot.
     steepness = np.maximum((gradient**2).sum(axis=1), 0.25)
     return np.asarray(vertices - (distance(*vertices.T) / steepness)[:, None] * gradient)

@@ -1,4 +1,4 @@
-"""Stage `mesh_solid`: the solid filled with tetrahedra for finite elements, in files that their programs read."""
+"""Stage `mesh_solid`: fill the solid with tetrahedra for finite elements, and write files for FE programs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import EachOnce, Millimetres, Params, Unit, stage
 
 _KEPT = (
-    "the solid is stored all the same: without mesh_solid in the config, the same command writes its files and does "
-    "not compute it again"
+    "the solid itself is stored: without mesh_solid in the config, the same command writes its files without computing "
+    "it again"
 )
 
 Format = Literal["vtu", "inp"]
@@ -25,22 +25,22 @@ class MeshSolidParams(Params):
     """Parameters of `mesh_solid`."""
 
     edge_length: Millimetres | None = Field(default=None, gt=0.0)
-    """Edge length of the tetrahedra; by default twice the solid's volume over its area, half a strut's thickness."""
+    """Edge length of the tetrahedra; by default 2 volume / area of the solid, about half the strut thickness."""
 
     formats: Annotated[tuple[Format, ...], EachOnce] = Field(default=("vtu", "inp"), min_length=1)
-    """The files to write, `solid_mesh.vtu` and `solid_mesh.inp` (Abaqus, C3D4), each once; mm."""
+    """Files to write, in mm: `solid_mesh.vtu`, `solid_mesh.inp` (Abaqus, C3D4)."""
 
     time_limit: Annotated[float, Unit("s")] = Field(default=3600.0, gt=0.0)
-    """Time after which the mesh is given up."""
+    """Time limit of the meshing."""
 
 
 @stage(writes="solid_mesh", version=1, repeatable=False)
 def mesh_solid(solid: Solid, *, params: MeshSolidParams, out: Path) -> VolumeMesh:
     """Fill the solid with tetrahedra for finite elements, written as VTU and Abaqus INP and read back.
 
-    Coordinates are mm in float64. fTetWild cannot repeat itself: the result is stored, and a later run goes on from it.
-    It takes minutes, and longer the more struts there are. Raises `StageError` where fTetWild dies or takes more than
-    `time_limit`, the cells have another volume or other pieces than the solid, or a file does not give them back.
+    Coordinates are float64 in mm. fTetWild is not deterministic: the mesh is stored, and later runs use it. Meshing
+    takes minutes, more with more struts. Raises `StageError` if fTetWild crashes or takes more than `time_limit`, if
+    the volume or the number of pieces differs from the solid's, or if a file differs from the mesh when read back.
     """
     try:
         mesh = mesh_of(solid, params.edge_length, params.time_limit)

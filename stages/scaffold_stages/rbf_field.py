@@ -1,8 +1,8 @@
-"""Stage `rbf_field`: the isotropic radial-basis-function field of a mesh, on points only, with its certificate.
+"""Stage `rbf_field`: the isotropic radial-basis-function field of a mesh, from points only, with its certificate.
 
-What Liu, Guo, Yu, "Porous Structure Design in Tissue Engineering Using Anisotropic Radial Basis Function" compare
-theirs with: +1 on vertices, -1 on face centres and cell centres, and no channels, so that nothing leads from pore to
-pore but what the points happen to do.
+Liu, Guo, Yu, "Porous Structure Design in Tissue Engineering Using Anisotropic Radial Basis Function", compare their
+field with it: +1 on vertices, -1 on face centres and cell centres, and no channels, so that pores are connected only by
+chance.
 """
 
 from __future__ import annotations
@@ -30,21 +30,21 @@ class RbfFieldParams(SamplingParams):
     """Radial basis function."""
 
     c: Annotated[float | None, Unit("mm")] = Field(default=None, ge=LEAST_C, le=MOST_C)
-    """Shape parameter of the basis (1/mm for the Gaussian); 0.1."""
+    """Shape parameter of the basis function (1/mm for the Gaussian); by default 0.1."""
 
     @model_validator(mode="after")
     def _only_what_applies(self) -> RbfFieldParams:
         if self.c is not None and self.basis == "thin_plate_spline":
-            raise ValueError("c: has no meaning with basis: thin_plate_spline; leave it out")
+            raise ValueError("c: does not apply to basis: thin_plate_spline; leave it out")
         return self
 
 
 @stage(writes="field", version=1, metrics=interpolation.METRICS)
 def rbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: RbfFieldParams) -> ScalarField:
-    """Compute the isotropic RBF field of a mesh, on points only, and certify its connectivity: for comparison.
+    """Compute the isotropic RBF field of a mesh from points only, with a connectivity certificate, for comparison.
 
-    Samples more than two voxels outside the outer shape are void (-1). A planar mesh can do without one; its samples
-    are one layer in its plane. Raises `StageError` where the grid or the system needs more memory than there is.
+    Samples more than two voxels outside the outer shape are void (-1). A planar mesh needs no outer shape; its samples
+    are one layer in its plane. Raises `StageError` if the grid or the system needs more memory than is free.
     """
     return sample_mesh_field(mesh, outer, params, partial(_on_points, params=params))
 

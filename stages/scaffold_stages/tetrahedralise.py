@@ -1,4 +1,4 @@
-"""Stage `tetrahedralise`: the outer shape filled with tetrahedra of one size, by fTetWild.
+"""Stage `tetrahedralise`: fill the outer shape with tetrahedra of uniform size, by fTetWild.
 
 Hu, Schneider, Wang, Zorin, Panozzo, "Fast tetrahedral meshing in the wild", ACM Transactions on Graphics 39 (2020).
 """
@@ -19,50 +19,50 @@ from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Millimetres, Params, Unit, stage
 
 TOLERANCE = 0.15
-"""How far the mean edge, or the number of cells, may be from what was asked for."""
+"""Greatest relative difference between the requested and the actual mean edge length, or number of cells."""
 
 ATTEMPTS = 8
-"""fTetWild takes a target, not a promise. On bones and cartilage one or two attempts met the tolerance; simple shapes
-of a few hundred cells, two meshes of which can differ by a third, took up to five, rarely more."""
+"""fTetWild meets its target edge only roughly. On bones and cartilage one or two attempts met the tolerance; simple
+shapes of a few hundred cells, where two meshes can differ by a third, took up to five, rarely more."""
 
 FIRST_TARGET = 1.08
-"""First target edge, in edges asked for: on bones the mean edge came out at 0.89 to 0.98 of the target."""
+"""First target edge, in requested edge lengths: on bones the mean edge was 0.89 to 0.98 of the target."""
 
 GREATEST_GROWTH = 1.7
-"""Greatest growth of the envelope from one attempt to the next, see `_next_size`."""
+"""Greatest factor on the envelope from one attempt to the next, see `_next_size`."""
 
 EDGE_CELL_VOLUME = 0.109
-"""Volume of a mean cell in cubes of the mean edge (a regular tetrahedron has 0.118)."""
+"""Mean volume of a cell over the cubed mean edge length (a regular tetrahedron has 0.118)."""
 
 LIMITS = (2e-4, 0.05)
-"""Envelope as a share of the bounding box's diagonal outside of which fTetWild crashes or does not return."""
+"""Range of the envelope, as shares of the bounding box's diagonal; outside of it fTetWild crashes or never returns."""
 
 FACTOR_LIMITS = (0.015, 0.5)
-"""The same for the target edge."""
+"""The same range for the target edge."""
 
 _TURN = (0.4, 0.7, 0.3)
-"""Axis times angle of the turn, see `_mesh`: any that brings no axis near another."""
+"""Rotation vector, see `_mesh`: any rotation that maps no axis close to another."""
 
 _MOST_SLACK = 0.5
-"""How much of the envelope times the area the volume may differ by: it was 0.04 to 0.15 on bones, as the mesh lies on
-either side of the surface."""
+"""Greatest difference in volume over envelope x area: it was 0.04 to 0.15 on bones, as the mesh lies on both sides of
+the surface."""
 
 
 class TetrahedraliseParams(Params):
-    """Parameters of `tetrahedralise`: `edge_length` or `cells`, one of them."""
+    """Parameters of `tetrahedralise`: either `edge_length` or `cells`."""
 
     edge_length: Millimetres | None = Field(default=None, gt=0.0)
-    """Mean edge length of the cells, met within 15 %; about the distance from pore to pore."""
+    """Mean edge length of the cells, met within 15 %; roughly the distance between pore centres."""
 
     cells: int | None = Field(default=None, ge=1)
-    """Number of cells instead of an edge length, met within 15 %."""
+    """Number of cells, instead of an edge length; met within 15 %."""
 
     envelope: Millimetres | None = Field(default=None, gt=0.0)
-    """How far the mesh may lie off the surface; by default a tenth of the edge length, so that cells come out even, and
-    more where that keeps cells too small. The solid is cut to the exact surface all the same."""
+    """Greatest distance between mesh and surface; by default a tenth of the edge length, for even cells, and more if
+    cells stay too small. It does not affect the outer shape of the solid, which is cut to the exact surface."""
 
     time_limit: Annotated[float, Unit("s")] = Field(default=1800.0, gt=0.0)
-    """Time after which an attempt is given up."""
+    """Time limit of one attempt."""
 
     @model_validator(mode="after")
     def _one_size(self) -> TetrahedraliseParams:
@@ -73,10 +73,10 @@ class TetrahedraliseParams(Params):
 
 @stage(writes="mesh", version=2, repeatable=False)
 def tetrahedralise(outer: OuterShape, *, params: TetrahedraliseParams) -> VolumeMesh:
-    """Fill the outer shape with tetrahedra whose mean edge is the one asked for.
+    """Fill the outer shape with tetrahedra of a given mean edge length or number.
 
-    fTetWild cannot repeat itself: the result is stored, and a later run goes on from it. Raises `StageError` where
-    no attempt meets the size within 15 %, or the mesher dies or does not return in time.
+    fTetWild is not deterministic: the mesh is stored, and later runs use the stored mesh. Raises `StageError` if no
+    attempt meets the size within 15 %, or if fTetWild crashes or exceeds the time limit.
     """
     diagonal = float(np.linalg.norm(np.ptp(outer.bounds, axis=0)))
     wanted = params.edge_length or _edge_for(outer.volume, params.cells or 1)
@@ -100,21 +100,19 @@ def tetrahedralise(outer: OuterShape, *, params: TetrahedraliseParams) -> Volume
 
 @dataclass(frozen=True)
 class _Size:
-    """What fTetWild is asked for, mm: the target edge and how far the mesh may lie off the surface."""
+    """fTetWild's parameters, mm: the target edge, and the greatest distance between mesh and surface."""
 
     target: float
     envelope: float
 
 
 def _reason(outer: OuterShape, wanted: float, size: _Size) -> str:
-    """Say why no size was met, and what to do: twice the volume over the area is the thickness of a plate."""
+    """Return the reason why the size was not met, and the remedy; 2 volume / area is the thickness of a plate."""
     thickness = 2.0 * outer.volume / outer.area
     if thickness < wanted:
-        return (
-            f"the shape is about {thickness:.3g} mm thick, less than an edge of {wanted:.3g} mm: ask for smaller cells"
-        )
+        return f"the shape is about {thickness:.3g} mm thick, less than an edge of {wanted:.3g} mm: use smaller cells"
     return (
-        f"the surface's details (envelope {size.envelope:.3g} mm) limit the size: raise envelope, or ask for another "
+        f"the surface's details (envelope {size.envelope:.3g} mm) limit the size: raise envelope, or use a different "
         "size"
     )
 
@@ -123,8 +121,8 @@ def _first_size(wanted: float, envelope: float | None, diagonal: float) -> _Size
     least, greatest = (share * diagonal for share in LIMITS)
     if envelope is not None and not least <= envelope <= greatest:
         raise StageError(
-            f"envelope {envelope:.3g} mm: must be from {least:.3g} to {greatest:.3g} mm for a shape {diagonal:.4g} mm "
-            "across its diagonal; fTetWild crashes or does not return outside of that"
+            f"envelope {envelope:.3g} mm: must be from {least:.3g} to {greatest:.3g} mm for a shape with a diagonal of "
+            f"{diagonal:.4g} mm; outside of this range fTetWild crashes or never returns"
         )
     target = min(FIRST_TARGET * wanted, FACTOR_LIMITS[1] * diagonal)
     return _Size(target, envelope or float(np.clip(wanted / 10.0, least, greatest)))
@@ -132,7 +130,7 @@ def _first_size(wanted: float, envelope: float | None, diagonal: float) -> _Size
 
 @dataclass(frozen=True)
 class _Tried:
-    """An attempt: its size, the mean edge got over the one asked for, and what was got, in words."""
+    """An attempt: its size, the ratio of the actual to the requested mean edge, and its result as text."""
 
     size: _Size
     ratio: float
@@ -140,11 +138,11 @@ class _Tried:
 
 
 def _next_size(tried: list[_Tried], diagonal: float, *, may_coarsen: bool) -> _Size:
-    """Correct the last target by what it gave; between attempts on either side of what is wanted, interpolate.
+    """Correct the last target by its result; interpolate between attempts that were too small and too large.
 
-    Details of the surface hold the size of cells down whatever the target: on the heel bone at 8 mm, with an envelope
-    of a tenth, targets of 8 and 10.4 mm gave mean edges of 6.5 and 6.9 mm; with an envelope half as wide again, 8.0 mm.
-    So a mesh of too small cells may leave the surface more.
+    Details of the surface limit the cell size whatever the target: on the heel bone at 8 mm, with an envelope of a
+    tenth, targets of 8 and 10.4 mm gave mean edges of 6.5 and 6.9 mm; with an envelope 1.5 times as wide, 8.0 mm. So
+    the envelope is widened if cells are too small.
     """
     last = tried[-1]
     small = next((attempt for attempt in reversed(tried) if attempt.ratio < 1.0), None)
@@ -170,13 +168,13 @@ def _require_edge_within(edge: float, diagonal: float) -> None:
     least, greatest = (factor * diagonal for factor in FACTOR_LIMITS)
     if not least <= edge <= greatest:
         raise StageError(
-            f"edge_length {edge:.3g} mm (given, or following from cells): must be from {least:.3g} to {greatest:.3g} "
-            f"mm for a shape {diagonal:.4g} mm across its diagonal; fTetWild does not return outside of that"
+            f"edge_length {edge:.3g} mm (given, or computed from cells): must be from {least:.3g} to {greatest:.3g} "
+            f"mm for a shape with a diagonal of {diagonal:.4g} mm; outside of this range fTetWild never returns"
         )
 
 
 def _edge_ratio(mesh: VolumeMesh, wanted: float, cells: int | None) -> tuple[float, float]:
-    """Return the mean edge got over the one asked for, and how far the edge, or the number of cells, is off."""
+    """Return the ratio of the actual to the requested mean edge, and the relative error of the edge or cell number."""
     if cells is not None:
         got = len(mesh.tetrahedra) / cells
         return got ** (-1.0 / 3.0), abs(got - 1.0)
@@ -189,16 +187,16 @@ def _require_volume(mesh: VolumeMesh, outer: OuterShape, envelope: float) -> Non
     allowed = _MOST_SLACK * envelope * outer.area
     if abs(mesh.volume - outer.volume) > allowed:
         raise StageError(
-            f"the cells fill {mesh.volume:.6g} mm^3 of an outer shape of {outer.volume:.6g} mm^3; an envelope of "
-            f"{envelope:.3g} mm explains {allowed:.3g} mm^3 of difference; check the surface, or lower envelope"
+            f"volume of the cells: must be that of the outer shape, {outer.volume:.6g} mm^3, within {allowed:.3g} mm^3 "
+            f"(envelope {envelope:.3g} mm), got {mesh.volume:.6g}; check the surface, or lower envelope"
         )
 
 
 def _mesh(outer: OuterShape, size: _Size, seconds: float) -> tuple[Floats, Ints]:
-    """Return vertices (n, 3) and tetrahedra (m, 4): meshed about the origin, and turned off the axes.
+    """Return vertices (n, 3) and tetrahedra (m, 4); the shape is meshed at the origin, and rotated off the axes.
 
-    fTetWild starts from a lattice along the axes, and fits cells into a box by whole numbers of layers: targets of 1.7,
-    2.0 and 2.2 mm gave 1,200, 2,100 and 800 cells; turned, 900, 680 and 500.
+    fTetWild starts from a lattice along the axes, and fills a box with whole numbers of layers: targets of 1.7, 2.0 and
+    2.2 mm gave 1,200, 2,100 and 800 cells; rotated, 900, 680 and 500.
     """
     from scipy.spatial.transform import Rotation
 
@@ -209,6 +207,6 @@ def _mesh(outer: OuterShape, size: _Size, seconds: float) -> tuple[Floats, Ints]
         {"vertices": (outer.vertices - centre) @ turn, "faces": outer.faces},
         asdict(size),
         seconds=seconds,
-        about=f"{about}; where it died or took too long, raise edge_length or envelope",
+        about=f"{about}; after a crash or a time-out raise edge_length or envelope",
     )
     return answer["vertices"] @ turn.T + centre, answer["cells"]

@@ -1,4 +1,4 @@
-"""Stage `tpms_field`: the field of a triply periodic minimal surface over the outer shape; no mesh, no certificate."""
+"""Stage `tpms_field`: the field of a triply periodic minimal surface (TPMS), without mesh and without certificate."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ if TYPE_CHECKING:
     Level = Callable[[Floats, Floats, Floats], Floats]
 
 _LEAST_SAMPLES = 8
-"""Samples along a cell with which its shape is just there: four to the shortest wave of I-WP."""
+"""Least number of samples per cell that represents its shape: four per shortest wave of I-WP."""
 
 _STEPS = 257
-"""Places along a grading at which the level of the porosity is computed; between them it changes linearly."""
+"""Number of places along a grading at which the level is computed; between them it is interpolated linearly."""
 
 _ROUNDING = 1e-6
-"""How much longer than the shape a cell may be, relative: units that were converted round."""
+"""Relative excess of the cell over the shape that is allowed: converting units rounds."""
 
 Between0And1 = Annotated[Share, Field(gt=0.0, lt=1.0)]
 
 
 class GradingParams(Params):
-    """A porosity that changes along an axis."""
+    """Porosity graded along an axis."""
 
     axis: Literal["x", "y", "z"] = "z"
-    """Direction of the change."""
+    """Direction of the grading."""
 
     porosity: tuple[Between0And1, Between0And1]
-    """Porosity at the low and at the high end; between them it changes linearly, beyond them it stays."""
+    """Porosity at the low and at the high end; linear between them, constant beyond them."""
 
     between: tuple[Millimetres, Millimetres] | None = None
-    """Coordinates of the two ends; left out, those of the outer shape."""
+    """Coordinates of the two ends; by default those of the outer shape."""
 
     @model_validator(mode="after")
     def _ascending(self) -> GradingParams:
         if self.between is not None and not self.between[0] < self.between[1]:
-            raise ValueError(f"between: must be the low end, then the high one, got {self.between}")
+            raise ValueError(f"between: must be [low end, high end] in ascending order, got {self.between}")
         return self
 
 
@@ -55,25 +55,25 @@ class TpmsFieldParams(SamplingParams):
     """Parameters of `tpms_field`."""
 
     voxel_size: Annotated[float | None, Unit("mm")] = Field(default=None, gt=0.0)
-    """Distance between samples of the field: a twentieth of the cell size shows the surface well."""
+    """Distance between samples of the field; a twentieth of the cell size represents the surface well."""
 
     surface: Literal["schwarz_p", "schwarz_d", "gyroid", "iwp"]
     """Schwarz's P or D, Schoen's gyroid or I-WP."""
 
     cell_size: Millimetres = Field(gt=0.0)
-    """Edge of the cubic cell, the period along x, y and z."""
+    """Edge length of the cubic unit cell, the period along x, y and z."""
 
     kind: Literal["skeletal", "sheet"] = "skeletal"
-    """Solid on one side of the surface, or a sheet about it, which leaves two separate networks of pores."""
+    """`skeletal`: solid on one side of the surface; `sheet`: a wall along it between two separate pore networks."""
 
     grading: GradingParams | None = None
-    """Porosity that changes along an axis: `axis`, `porosity: [low end, high end]` and, in mm, `between: [low, high]`.
+    """Porosity graded along an axis: `axis`, `porosity: [low end, high end]` and, in mm, `between: [low, high]`.
 
-    It is as asked with `isosurface.iso: 0`; another iso, or a porosity, raises or lowers it everywhere.
+    Use it with `isosurface.iso: 0`; a different iso, or a porosity, raises or lowers the porosity everywhere.
     """
 
     origin: Annotated[tuple[float, float, float] | None, Unit("mm")] = None
-    """Corner of a cell; left out, the least corner of the outer shape's bounding box."""
+    """Corner of a unit cell; by default the least corner of the outer shape's bounding box."""
 
     @model_validator(mode="after")
     def _fine_enough(self) -> TpmsFieldParams:
@@ -81,7 +81,7 @@ class TpmsFieldParams(SamplingParams):
         if spacing > self.cell_size / _LEAST_SAMPLES:
             raise ValueError(
                 f"{'grid.spacing' if self.grid else 'voxel_size'}: must be at most an eighth of cell_size "
-                f"({self.cell_size / _LEAST_SAMPLES:g} mm), or the surface is lost between samples, got {spacing:g}"
+                f"({self.cell_size / _LEAST_SAMPLES:g} mm) to resolve the surface, got {spacing:g}"
             )
         return self
 
@@ -97,11 +97,10 @@ METRICS = (
 def tpms_field(outer: OuterShape, *, params: TpmsFieldParams) -> ScalarField:
     """Compute the field of a triply periodic minimal surface, skeletal or sheet, over the outer shape.
 
-    The field is f of the nodal approximation (von Schnering, Nesper 1991; `_kernels.tpms` has the formulas), so that
-    an iso-value is the level known from the literature, or -|f| for a sheet; with a grading, the level of the local
-    porosity is taken off it. Samples more than two voxels outside the outer shape are void, as low as the field is
-    anywhere else. Raises `StageError` where no whole cell fits into the shape, or the grid needs more memory than
-    there is.
+    The field is f of the nodal approximation (von Schnering, Nesper 1991; formulas in `scaffold_geometry.fields.tpms`),
+    or -|f| for a sheet, so that iso-values are the levels in the literature. With a grading, the level of the local
+    porosity is subtracted. Samples more than two voxels outside the outer shape are void: they have the least value of
+    the field. Raises `StageError` if no whole cell fits into the shape, or if the grid needs more memory than is free.
     """
     points = np.empty((0, 3)) if params.points is None else read_points(params.points)
     _require_a_cell(outer.bounds, params.cell_size)
@@ -124,13 +123,13 @@ def _require_a_cell(bounds: Floats, cell_size: float) -> None:
     least = float(extents.min())
     if cell_size > least * (1.0 + _ROUNDING):
         raise StageError(
-            f"cell_size {cell_size:g} mm: no whole cell fits into the outer shape, which is {least:.4g} mm along "
-            f"{'xyz'[extents.argmin()]}; choose at most that, better a third of it"
+            f"cell_size {cell_size:g} mm: must be at most the size of the outer shape, {least:.4g} mm along "
+            f"{'xyz'[extents.argmin()]}; choose a third of that or less"
         )
 
 
 def _level(bounds: Floats, params: TpmsFieldParams) -> Level:
-    """Return the field as a function of places x, y, z in mm, which broadcast."""
+    """Return the field as a function of coordinates x, y, z in mm, which broadcast."""
     from scaffold_geometry.fields import tpms
 
     surface = tpms.SURFACES[params.surface]
@@ -155,11 +154,11 @@ def _level(bounds: Floats, params: TpmsFieldParams) -> Level:
 
 
 def _on_voxels(level: Level, voxels: Voxels) -> NDArray[np.float32]:
-    """Return the field on the voxels, plane after plane: whole, in double precision, it needs too much memory."""
+    """Return the field on the voxels, plane by plane: the whole field in double precision needs too much memory."""
     x, y, z = voxels.axes
     values = np.empty(voxels.inside.shape, np.float32)
     for plane, place in zip(values, x, strict=True):
         plane[:] = level(place, y[:, None], z)
     values[~voxels.near] = values[voxels.near].min()
-    values.setflags(write=False)  # or the artifact would copy it
+    values.setflags(write=False)  # the artifact does not copy a read-only array
     return values

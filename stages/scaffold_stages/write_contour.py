@@ -1,4 +1,4 @@
-"""Stage `write_contour`: a planar contour as drawings, to look at and to cut, mill or draw on."""
+"""Stage `write_contour`: a planar contour as drawings, for viewing, and for laser cutting, milling or CAD."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ Format = Literal["svg", "png"]
 
 _INK, _PAPER = (51, 55, 61), (255, 255, 255)
 _MARGIN = 0.02
-"""Room around the outline, in its longest side."""
+"""Margin around the outline, as a share of its longest side."""
 _OVERSAMPLING = 4
-"""A pixel is the mean of 4 x 4."""
+"""A pixel is the mean of 4 x 4 samples."""
 
 
 class WriteContourParams(Params):
     """Parameters of `write_contour`."""
 
     formats: Annotated[tuple[Format, ...], EachOnce] = Field(default=("svg", "png"), min_length=1)
-    """The files to write, `contour.svg` and `contour.png`, each once."""
+    """Files to write: `contour.svg`, `contour.png`."""
 
     name: Title = "scaffold"
     """Title in the SVG file."""
@@ -51,9 +51,10 @@ DRAWINGS = (
     drawings=DRAWINGS,
 )
 def write_contour(contour: Contour, *, params: WriteContourParams, out: Path) -> WrittenFiles:
-    """Write the contour as SVG, in mm and in its own place, and as PNG, the solid dark on white.
+    """Write the contour as SVG, in mm and with its coordinates, and as PNG, the solid dark on white.
 
-    In the SVG y points down: a point x, y of the plane is at x, -y. All is one path, filled by the even-odd rule.
+    In the SVG y points down: a point x, y of the plane is at x, -y. The contour is one path with the even-odd fill
+    rule.
     """
     facts: dict[str, Fact] = {}
     for kind in params.formats:
@@ -64,7 +65,7 @@ def write_contour(contour: Contour, *, params: WriteContourParams, out: Path) ->
 
 
 def _window(contour: Contour) -> Floats:
-    """Return the least and greatest corner of what is drawn, (2, 2) mm."""
+    """Return the least and greatest corner of the drawing, (2, 2) mm."""
     bounds = np.stack([contour.outline.points.min(axis=0), contour.outline.points.max(axis=0)])
     margin = _MARGIN * np.ptp(bounds, axis=0).max()
     return np.stack([bounds[0] - margin, bounds[1] + margin])
@@ -91,7 +92,7 @@ def _subpath(ring: Floats) -> str:
 
 
 def _length(length: float) -> str:
-    """Return mm to the last digit that single precision has of a part of some cm, without needless zeros.
+    """Return mm with six decimals, about single precision for a part of a few cm, without trailing zeros.
 
     >>> [_length(length) for length in (2.0, -0.1234567, -1e-9)]
     ['2', '-0.123457', '0']
@@ -102,7 +103,7 @@ def _length(length: float) -> str:
 
 def _png(contour: Contour, params: WriteContourParams) -> bytes:
     from scaffold_geometry.drawing.renders import to_png
-    from scaffold_geometry.planar.regions import fill
+    from scaffold_geometry.planar.regions import rasterise
 
     (left, low), (right, high) = _window(contour).tolist()
     scale = params.pixels / max(right - left, high - low)
@@ -111,7 +112,7 @@ def _png(contour: Contour, params: WriteContourParams) -> bytes:
         _OVERSAMPLING * scale * np.column_stack([high - ring[:, 1], ring[:, 0] - left]) - 0.5
         for ring in contour.solid.rings
     ]
-    filled = fill(pixels, (_OVERSAMPLING * rows, _OVERSAMPLING * columns))
+    filled = rasterise(pixels, (_OVERSAMPLING * rows, _OVERSAMPLING * columns))
     share = filled.reshape(rows, _OVERSAMPLING, columns, _OVERSAMPLING).mean(axis=(1, 3))[:, :, None]
     image: NDArray[np.uint8] = np.round(share * _INK + (1.0 - share) * _PAPER).astype(np.uint8)
     return to_png(image).tobytes()

@@ -1,4 +1,4 @@
-"""Stage `write_field`: the field in files that other programs read, so that others can check it."""
+"""Stage `write_field`: the field in files for other programs, for checks and further use."""
 
 from __future__ import annotations
 
@@ -22,21 +22,23 @@ class WriteFieldParams(Params):
     """Parameters of `write_field`."""
 
     formats: Annotated[tuple[Format, ...], EachOnce] = Field(default=("vti", "nrrd", "npy"), min_length=1)
-    """The files to write, `field.vti`, `field.nrrd` and `field.npy` with `field.json`, each once."""
+    """Files to write: `field.vti`, `field.nrrd`, and `field.npy` with `field.json`."""
 
     points: InputFile | None = None
-    """CSV file of points x, y, z in mm; the field itself is evaluated there and written to `field_at_points.csv`."""
+    """CSV file of points x, y, z in mm; the exact field there, without voxels, is written to `field_at_points.csv`."""
 
 
 @stage(writes="field_files", version=1)
 def write_field(field: ScalarField, *, params: WriteFieldParams, out: Path) -> WrittenFiles:
     """Write the field on its voxels as VTI, NRRD and NPY, with origin and spacing in mm, and at points as CSV.
 
-    Each file is read back and compared. Raises `StageError` where one does not give the field back, or where points
-    are asked for and the stage that made the field did not evaluate them.
+    Each file is read back and compared. Raises `StageError` if a file differs from the field, or if `points` is given
+    but the field was not evaluated there.
     """
     if params.points is not None and not len(field.points):
-        raise StageError(f"points: the field was not evaluated at {params.points.name}; its stage takes no points")
+        raise StageError(
+            f"points: the field was not evaluated at {params.points.name}, as its stage has no `points`; leave it out"
+        )
     facts: dict[str, Fact] = {}
     for kind in params.formats:
         path = out / f"field.{kind}"
@@ -51,10 +53,10 @@ def write_field(field: ScalarField, *, params: WriteFieldParams, out: Path) -> W
 
 
 def _require_equal(path: Path, values: np.ndarray, field: ScalarField) -> None:
-    """Compare the samples that were read, the first axis fastest, with those of the field."""
+    """Require that the samples read from a file, first axis fastest, are those of the field."""
     if not np.array_equal(values, field.values.ravel(order="F")):
         path.unlink()
-        raise StageError(f"{path.name}: read back, it does not hold the field; the file was deleted")
+        raise StageError(f"{path.name}: differs from the field when read back; the file was deleted, run again")
 
 
 def _write_vti(path: Path, field: ScalarField) -> None:
@@ -74,7 +76,7 @@ def _write_vti(path: Path, field: ScalarField) -> None:
     writer.SetInputData(image)
     writer.SetCompressorTypeToZLib()
     if not writer.Write():
-        raise StageError(f"{path.name}: cannot be written; is the disk full?")
+        raise StageError(f"{path.name}: cannot be written; check the free space on the disk")
 
 
 def _read_vti(path: Path) -> np.ndarray:
@@ -113,7 +115,7 @@ def _write_nrrd(path: Path, field: ScalarField) -> None:
 
 
 def _read_nrrd(path: Path) -> np.ndarray:
-    """Read the values back with VTK, which takes a first axis of up to four samples for components."""
+    """Read the values back with VTK, which takes a first axis of up to four samples as components."""
     from vtkmodules.vtkIOImage import vtkNrrdReader
 
     return _samples_from(vtkNrrdReader(), path)

@@ -116,7 +116,7 @@ def test_voxels_for_which_no_machine_has_memory_are_refused_with_a_size_that_fit
     code, lines = run(cube(), voxel=0.0005)
     assert (code, len(lines)) == (1, 1)
     assert "GiB are free" in lines[0]
-    assert "would fit" in lines[0]
+    assert "mm or more" in lines[0]
 
 
 def test_all_faults_of_a_config_and_its_plan_come_at_once(run):

@@ -327,7 +327,7 @@ def test_the_cache_is_told_and_pruned(project: Project):
 @pytest.mark.parametrize(
     ("arguments", "fault"),
     [
-        (["size"], "cache: which cache? Give its folder, or set SCAFFOLD_PIPELINE_CACHE"),
+        (["size"], "cache: no cache is named; give its folder, or set SCAFFOLD_PIPELINE_CACHE"),
         (["list", "nowhere"], "nowhere: no such folder"),
         (["prune", ".", "--keep", "5"], "--keep: must be a size such as 500 MB or 20 GB, got '5'"),
     ],

@@ -45,7 +45,7 @@ def test_a_description_tells_slots_types_units_defaults_and_meaning():
         "    limit: number in mm, default 100.0, or as count_points.limit",
         "        Reach from which on a warning is given.",
     ]
-    assert "  reads: points, picture (if there)" in describe(load_stage("count_points"))
+    assert "  reads: points, picture (optional)" in describe(load_stage("count_points"))
     assert "    path: path, required" in describe(load_stage("read_points"))
     assert "    how: stage_error | error | memory" in describe(load_stage("fail"))
 

@@ -213,7 +213,7 @@ def test_a_failed_gate_is_exit_code_3_and_keeps_the_files(project: Project):
 def test_an_interrupt_is_exit_code_130(project: Project):
     answer = project.command("run", project.write(FAILING), "--set", "fail.how=interrupt", "--quiet")
     assert (answer.code, answer.out) == (130, "")
-    assert answer.err == "interrupted; the same command goes on with the stages that are finished\n"
+    assert answer.err == "interrupted; finished stages are kept: the same command continues\n"
     assert set(project.files()) <= {".lock"}
 
 

@@ -118,7 +118,7 @@ def test_a_scheduler_that_does_not_answer_is_told_within_seconds_and_nothing_is_
         study = project.start("study", "study.yaml", "--scheduler", address)
         _, err = study.communicate(timeout=25)
     assert study.returncode == 1
-    assert err == f"{address}: no Dask scheduler answers there within 5 s; is it the address that it printed?\n"
+    assert err == f"{address}: no Dask scheduler answers within 5 s; give the address it printed\n"
     assert not (OUT / "study.json").exists()
 
 
@@ -150,7 +150,7 @@ def test_a_worker_without_this_package_is_named(project: Project):
         study = project.start("study", "study.yaml", "--scheduler", address)
         _, err = study.communicate(timeout=30)
     assert study.returncode == 1
-    assert re.fullmatch(rf"{address}: worker tcp://\S+ cannot take part \(.*\); install scaffold-pipeline there\n", err)
+    assert re.fullmatch(rf"{address}: worker tcp://\S+ cannot be used \(.*\); install scaffold-pipeline there\n", err)
 
 
 @needs_dask
@@ -170,7 +170,7 @@ def test_a_scheduler_without_workers_and_one_that_is_lost_are_told(project: Proj
             running.kill()
             _, err = study.communicate(timeout=30)
     assert study.returncode == 1
-    assert err == f"{address}: the scheduler was lost; the same command goes on with the points that are left\n"
+    assert err == f"{address}: the scheduler was lost; finished points are kept: the same command continues\n"
     assert [row["error"] for row in rows()] == ["not run", "not run"]
 
 

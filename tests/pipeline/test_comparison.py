@@ -69,4 +69,4 @@ def test_a_folder_without_a_finished_run_is_refused(runs: Project, harm: str):
         Path("b/run.json").write_text("{" if harm == "text" else json.dumps({"stages": []}))
     answer = runs.command("compare", "a", "b")
     assert (answer.code, answer.out) == (2, "")
-    assert answer.err == "b: holds no run.json of a finished run; name the directory of a run\n"
+    assert answer.err == "b: contains no run.json of a finished run; give the directory of a run\n"

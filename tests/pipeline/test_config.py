@@ -63,19 +63,19 @@ def test_all_faults_of_config_and_plan_are_found_at_once_in_the_order_of_the_fil
         "config.yaml:6:5: 'count' is given twice, first on line 5; keep one",
         "config.yaml:7:5: stages.0 (make_points): unknown parameter 'stepp'; did you mean 'step'?",
         (
-            "config.yaml:8:5: stages.1 (make_points): writes slot 'points', which stages.0 (make_points) has written; "
-            "give it `as: NAME`"
+            "config.yaml:8:5: stages.1 (make_points): writes slot 'points', which stages.0 (make_points) writes too; "
+            "rename it with `as: NAME`"
         ),
         (
             "config.yaml:9:5: stages.1 (make_points): step: must be a valid number, unable to parse string as a "
             "number, got 'wide'"
         ),
         "config.yaml:10:5: stages.2 (make_point): no stage is called 'make_point'; did you mean 'make_points'?",
-        "config.yaml:12:5: stages.3 (grow_points): from: the stage reads no 'point'; did you mean 'points'?",
+        "config.yaml:12:5: stages.3 (grow_points): from: the stage has no input 'point'; did you mean 'points'?",
         "config.yaml:13:5: stages.4: must be a mapping with `use: STAGE`, got {'count': 3}",
         (
-            "config.yaml:15:5: stages.5 (draw_points): as: a slot is named by lower-case letters, digits and "
-            "underscores, got 'Big Picture'"
+            "config.yaml:15:5: stages.5 (draw_points): as: must be lower-case letters, digits and underscores, "
+            "got 'Big Picture'"
         ),
     ]
 
@@ -94,7 +94,7 @@ def test_all_faults_of_config_and_plan_are_found_at_once_in_the_order_of_the_fil
         ("stages:\n  - use: 3\n", "c.yaml:2:5: stages.0: must be a mapping with `use: STAGE`, got {'use': 3}"),
         (
             "stages:\n  - {use: make_points, from: 3}\n",
-            "c.yaml:2:24: stages.0 (make_points): from: must map what the stage reads to slots, got 3",
+            "c.yaml:2:24: stages.0 (make_points): from: must map the stage's inputs to slots, got 3",
         ),
         (
             "stages:\n  - {use: make_points, count: 2.5}\n",
@@ -257,8 +257,8 @@ def test_a_setting_for_one_alias_leaves_the_other_alone(project: Project):
         ("stages.x.count=3", "the config has no stage 'stages.x'; known: make_points, scatter_points"),
         ("make_points.cuont=3", "stages.0 (make_points): unknown parameter 'cuont'; did you mean 'count'?"),
         ("make_points.count=0", "stages.0 (make_points): count: must be greater than or equal to 1, got 0"),
-        ("make_points.count.x=0", "stages.0.count holds a value, so that 'x' cannot be set in it"),
-        ("make_points.count.x.y=0", "stages.0.count holds a value, so that 'x' cannot be set in it"),
+        ("make_points.count.x=0", "stages.0.count is a single value, so 'x' cannot be set in it"),
+        ("make_points.count.x.y=0", "stages.0.count is a single value, so 'x' cannot be set in it"),
         (
             "make_points.use=make_point",
             "stages.0 (make_point): no stage is called 'make_point'; did you mean 'make_points'?",
@@ -279,7 +279,7 @@ def test_a_missing_file_given_by_a_setting_names_the_setting(project: Project):
 def test_a_setting_for_a_stage_that_stands_twice_says_how_to_choose(project: Project):
     config = project.write("stages:\n  - use: make_points\n  - use: scatter_points\n  - use: scatter_points\n")
     assert faults_of(config, "scatter_points.amount=0.3") == [
-        ("--set scatter_points.amount=0.3: 'scatter_points' stands 2 times; write stages.1.amount for the first")
+        ("--set scatter_points.amount=0.3: 'scatter_points' occurs 2 times; write stages.1.amount for the first")
     ]
 
 

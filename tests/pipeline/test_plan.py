@@ -21,7 +21,7 @@ def faults_of(project: Project, text: str) -> list[str]:
         ),
         (
             "[{use: scatter_points}, {use: make_points}]",
-            "reads slot 'points', which stages.1 (make_points) writes only later; move it up",
+            "reads slot 'points', which stages.1 (make_points) writes only later; move that stage up",
         ),
         (
             "[{use: scatter_points, from: {points: dots}}, {use: make_points}]",
@@ -48,8 +48,8 @@ def test_faults_of_the_plan_are_found_beside_faults_of_parameters(project: Proje
 def test_a_slot_written_twice_is_a_fault(project: Project):
     (fault,) = faults_of(project, "stages:\n  - use: make_points\n  - use: make_points\n")
     assert fault == (
-        "config.yaml:3:5: stages.1 (make_points): writes slot 'points', which stages.0 (make_points) has written; "
-        "give it `as: NAME`"
+        "config.yaml:3:5: stages.1 (make_points): writes slot 'points', which stages.0 (make_points) writes too; "
+        "rename it with `as: NAME`"
     )
 
 

@@ -173,7 +173,7 @@ def test_an_interrupt_is_told_with_its_exit_code_and_resumed(project: Project):
     out, err = process.communicate(timeout=30)
     assert process.returncode == 130
     assert out == ""
-    assert err.splitlines()[-1].startswith("interrupted; the same command goes on")
+    assert err.splitlines()[-1].startswith("interrupted; finished stages are kept: the same command continues")
     assert "Traceback" not in err
     assert not list(OUT.rglob("half_written.txt"))
     assert ran(project.execute(text.replace("60", "0"))) == ["wait", "write_points"]

@@ -249,4 +249,4 @@ def test_what_dies_twice_is_a_failure_and_the_innocent_is_not():
     ledger = die(["b", "b"], keep_going=True)
     assert ledger.ended["a"].error is None
     assert ledger.ended["c"].error is None
-    assert ledger.ended["b"].error == "the process that worked on it was ended from outside, twice; is memory short?"
+    assert ledger.ended["b"].error == "its process was ended from outside, twice; check the free memory"

@@ -49,7 +49,7 @@ def test_new_overwrites_nothing(project: Project, name: str):
     Path("mine", name).write_text("mine")
     answer = project.command("new", "mine")
     assert answer.code == 2
-    assert answer.err == f"mine/{name}: is there already; choose another folder, or remove it first\n"
+    assert answer.err == f"mine/{name}: exists already; choose another folder, or remove it first\n"
     assert [path.name for path in Path("mine").iterdir()] == [name]
     assert Path("mine", name).read_text() == "mine"
 

@@ -274,7 +274,7 @@ def test_a_dry_run_tells_points_and_work_and_writes_nothing(workplace: Project):
     assert (answer.code, answer.err) == (0, "")
     lines = answer.out.splitlines()
     assert lines[0] == f"{NAMES[0]}: to run: make_points, scatter_points, write_points, count_points"
-    assert lines[-1] == "4 points, 0 done; 14 results to compute, each once for all that share it"
+    assert lines[-1] == "4 points, 0 done; 14 results to compute, shared ones once"
     assert not Path("studies").exists()
     workplace.command("study", "study.yaml")
     workplace.write(STUDY.replace("[0.1, 0.2]", "[0.1, 0.2, 0.3]"), "study.yaml")
@@ -302,7 +302,7 @@ def test_run_says_how_to_start_a_study(workplace: Project):
     answer = workplace.command("run", "study.yaml")
     assert answer.code == 2
     assert (
-        "study.yaml:1:1: this is a study; start it with `scaffold-pipeline study study.yaml`" in answer.err.splitlines()
+        "study.yaml:1:1: this is a study; run it with `scaffold-pipeline study study.yaml`" in answer.err.splitlines()
     )
 
 

@@ -235,8 +235,8 @@ def test_a_study_is_known_by_its_keys(project: Project):
         ("base: 3\nrepeats: 2\n", "study.yaml:1:1: base: must be the path of a config, got 3"),
         ("base: base.yaml\nvaried: {seed: [1]}\n", "study.yaml:2:1: unknown key 'varied'; did you mean 'vary'?"),
         ("base: base.yaml\nmode: all\nrepeats: 2\n", "study.yaml:2:1: mode: must be one of grid, zip, list, got 'all'"),
-        ("base: base.yaml\nrepeats: 0\n", "study.yaml:2:1: repeats: must be a whole number of 1 at least, got 0"),
-        ("base: base.yaml\nrepeats: true\n", "study.yaml:2:1: repeats: must be a whole number of 1 at least, got True"),
+        ("base: base.yaml\nrepeats: 0\n", "study.yaml:2:1: repeats: must be a whole number, at least 1, got 0"),
+        ("base: base.yaml\nrepeats: true\n", "study.yaml:2:1: repeats: must be a whole number, at least 1, got True"),
         ("name: a/b\nbase: base.yaml\nrepeats: 2\n", "study.yaml:1:1: name: must be letters, digits, dots, dashes"),
         ("base: base.yaml\nset: [3]\nrepeats: 2\n", "study.yaml:2:1: set: must map parameters to values, got [3]"),
         (
@@ -244,11 +244,17 @@ def test_a_study_is_known_by_its_keys(project: Project):
             "study.yaml:2:7: stages.0 (make_points): count: ",
         ),
         ("base: base.yaml\nset: {seed: 3}\nvary: {seed: [1]}\n", "study.yaml:2:7: the study varies seed; change its"),
-        ("base: base.yaml\nset: {name: a}\nrepeats: 2\n", "study.yaml:2:7: name: the study names its points itself"),
+        (
+            "base: base.yaml\nset: {name: a}\nrepeats: 2\n",
+            "study.yaml:2:7: name: cannot be set, the study names its points",
+        ),
         ("runs: []\n", "study.yaml:1:1: runs: must be a list of configs, got []"),
         ("runs: [no.yaml]\n", "study.yaml:1:8: runs.0: no such file; paths in a study are relative to the study"),
-        ("runs: [base.yaml]\nmode: zip\n", "study.yaml:2:1: mode: cannot stand beside runs, which lists whole configs"),
-        ("runs: [base.yaml, base.yaml]\n", "study.yaml:1:1: asks for base twice; keep one"),
+        (
+            "runs: [base.yaml]\nmode: zip\n",
+            "study.yaml:2:1: mode: cannot be combined with runs, which lists whole configs",
+        ),
+        ("runs: [base.yaml, base.yaml]\n", "study.yaml:1:1: gives the point base twice; keep one"),
         ("3\n", "study.yaml:1:1: a study is a mapping with the keys base and vary, or runs"),
     ],
 )
@@ -285,8 +291,8 @@ def test_a_fault_of_the_file_has_its_place(project: Project, text: str, fault: s
             "scatter_points.amount: [0.1, 0.7]",
             "3:32: stages.1 (scatter_points): amount: must be less than 0.5, got 0.7",
         ),
-        ("scatter_points.amount: [0.1, 0.1]", "2:1: asks for amount-0.1 twice; keep one"),
-        ("name: [a]", "3:3: name: the study names its points itself"),
+        ("scatter_points.amount: [0.1, 0.1]", "2:1: gives the point amount-0.1 twice; keep one"),
+        ("name: [a]", "3:3: name: cannot be set, the study names its points"),
         ("seed: [-1]", "3:10: seed: must be a whole number from 0 to 2^63 - 1, got -1"),
     ],
 )
@@ -300,7 +306,7 @@ def test_unequal_lengths_in_a_zip_are_told(project: Project):
     (fault,) = faults_of(project, text)
     assert fault == (
         "study.yaml:5:3: scatter_points.amount: has 1 values, but make_points.count has 2; "
-        "`mode: zip` takes lists of one length"
+        "`mode: zip` needs lists of equal length"
     )
 
 
@@ -338,7 +344,7 @@ def test_what_is_varied_cannot_be_set(project: Project):
 )
 def test_a_study_of_very_many_points_asks_first(project: Project, text: str, count: str):
     (fault,) = faults_of(project, f"base: base.yaml\n{text}\n")
-    assert fault.endswith(f"makes {count} points, more than 2,000; give --yes if that is meant")
+    assert fault.endswith(f"makes {count} points, more than 2,000; confirm with --yes")
 
 
 def test_a_large_study_that_is_meant_is_read(project: Project, monkeypatch: pytest.MonkeyPatch):

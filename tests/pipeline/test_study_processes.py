@@ -88,7 +88,7 @@ def test_a_study_that_is_stopped_goes_on_where_it_was(
     first = next(POINTS.glob("amount-0.1*"))
     kept = (first / "run.json").read_bytes()
     if sign == signal.SIGINT:
-        assert err.splitlines()[-1].startswith("interrupted; the same command goes on")
+        assert err.splitlines()[-1].startswith("interrupted; finished stages are kept: the same command continues")
         assert [row["error"] for row in rows()] == ["", "not run", "not run"]
         assert unfinished() == []
     project.write(TWO_WAIT.replace("OTHER", str(begun)).replace("60.0", "0.0"), "study.yaml")

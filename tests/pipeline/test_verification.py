@@ -46,7 +46,8 @@ def test_a_run_agrees_with_its_record_and_stays_as_it_was(finished: Project):
     answer = finished.command("verify", RUN)
     assert answer.code == 0
     assert answer.out == (
-        "runs/config: 5 stages and 2 files agree with the record; cannot be repeated and taken as stored: cast_points\n"
+        "runs/config: 5 stages and 2 files agree with the record; "
+        "not deterministic, so taken from the store: cast_points\n"
     )
     assert (finished.folder / "log").read_text() == "called\n"
     assert {path: path.stat().st_mtime_ns for path in RUN.rglob("*")} == before
@@ -82,9 +83,9 @@ def test_other_versions_are_told_with_a_difference(finished: Project, monkeypatc
     now = record["versions"]["numpy"]
     record["versions"]["numpy"] = "1.0"
     (RUN / "run.json").write_text(json.dumps(record))
-    assert finished.command("verify", RUN).out.endswith(f"; other versions: numpy 1.0 then, {now} now\n")
+    assert finished.command("verify", RUN).out.endswith(f"; different versions: numpy 1.0 then, {now} now\n")
     monkeypatch.setenv("SWAY", "0.5")
-    assert finished.command("verify", RUN).err.endswith(f"; other versions: numpy 1.0 then, {now} now\n")
+    assert finished.command("verify", RUN).err.endswith(f"; different versions: numpy 1.0 then, {now} now\n")
 
 
 def test_what_cannot_be_repeated_serves_other_versions_of_its_stage(finished: Project):
@@ -102,7 +103,7 @@ def test_a_damaged_array_of_what_cannot_be_repeated_is_an_error(finished: Projec
     harm(stored("arrays", manifest["fields"]["places"]["array"]), how)
     answer = finished.command("verify", RUN)
     assert answer.code == 1
-    assert answer.err.startswith("cast_points: cannot be repeated, and what it gave is damaged: stored array ")
+    assert answer.err.startswith("cast_points: is not deterministic, and its stored result is damaged: stored array ")
     assert says in answer.err
 
 
@@ -118,8 +119,8 @@ def test_a_store_that_was_pruned_is_an_error_with_a_remedy(finished: Project):
     answer = finished.command("verify", RUN)
     assert answer.code == 1
     assert answer.err == (
-        "cast_points: cannot be repeated, and what it gave is no longer in runs/config/.store; "
-        "run the config again and verify that\n"
+        "cast_points: is not deterministic, and its result is no longer in runs/config/.store; "
+        "run the config again and verify the new run\n"
     )
 
 

@@ -233,7 +233,10 @@ def spiked(mesh: Mesh) -> OuterShape:
 
 def test_a_few_samples_that_only_struts_or_channels_reach_are_a_warning():
     mesh = tetrahedra((3, 3, 3))
-    with pytest.warns(PipelineWarning, match=r"^support: \d of \d{5} samples .* as what reaches them$"):
+    with pytest.warns(
+        PipelineWarning,
+        match=r"^support: \d of \d{5} samples .* samples reached by struts only are solid, all others void$",
+    ):
         field_of(mesh, spiked(mesh), voxel_size=0.1)
 
 
@@ -245,7 +248,7 @@ def test_a_mesh_that_leaves_part_of_the_outer_shape_empty_is_an_error():
 def test_voxels_too_coarse_for_the_outer_shape_are_an_error():
     sheet = Mesh(tetrahedra((1, 1, 1)).vertices * (1.0, 1.0, 0.01) + (0.0, 0.0, 0.245), tetrahedra((1, 1, 1)).cells)
     with pytest.raises(
-        StageError, match=r"voxel_size 0\.5 mm: no sample lies inside the outer shape; use a smaller one"
+        StageError, match=r"voxel_size 0\.5 mm: no sample lies inside the outer shape; use a smaller voxel_size"
     ):
         field_of(sheet, box_around(sheet), voxel_size=0.5)
 
@@ -256,7 +259,7 @@ def test_a_grid_beyond_the_memory_is_refused_with_a_size_that_fits(monkeypatch: 
     mesh = tetrahedra((1, 1, 1))
     with pytest.raises(StageError, match=rf"^voxel_size {voxel_size:g} mm: the grid needs") as refusal:
         field_of(mesh, voxel_size=voxel_size)
-    fitting = float(re.findall(r"([\d.e-]+) mm would fit", str(refusal.value))[0])
+    fitting = float(re.findall(r"use ([\d.e-]+) mm or more", str(refusal.value))[0])
     field = field_of(mesh, voxel_size=fitting)
     assert 1_000_000 < sampling.BYTES_PER_VOXEL * field.values.size <= 2_000_000
 
@@ -264,13 +267,13 @@ def test_a_grid_beyond_the_memory_is_refused_with_a_size_that_fits(monkeypatch: 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"basis": "gaussian"}, "basis: has no meaning with interpolation: normalised"),
-        ({"distance": "exact"}, "distance: has no meaning with interpolation: normalised"),
-        ({"interpolation": "exact", "exponent": 4}, "exponent: has no meaning with interpolation: exact"),
-        ({"interpolation": "exact", "support": 1.3}, "support: has no meaning with interpolation: exact"),
+        ({"basis": "gaussian"}, "basis: does not apply to interpolation: normalised"),
+        ({"distance": "exact"}, "distance: does not apply to interpolation: normalised"),
+        ({"interpolation": "exact", "exponent": 4}, "exponent: does not apply to interpolation: exact"),
+        ({"interpolation": "exact", "support": 1.3}, "support: does not apply to interpolation: exact"),
         (
             {"interpolation": "exact", "basis": "thin_plate_spline", "c": 0.1},
-            "c: has no meaning with basis: thin_plate",
+            "c: does not apply to basis: thin_plate",
         ),
         ({"c": 0.0}, "greater than 0"),
         ({"interpolation": "exact", "c": -0.1}, "greater than 0"),
@@ -329,7 +332,7 @@ def test_exact_without_an_interpolant_says_so():
 def test_exact_on_an_irregular_mesh_warns_of_inertia_and_of_values_out_of_range():
     field, warned = told(irregular())
     assert field.facts["negative_eigenvalues"] == 211
-    assert "has 211 negative eigenvalues, a healthy one 212" in warned
+    assert "has 211 negative eigenvalues, a regular one has 212" in warned
     assert re.search(r"\|s\| reaches [34]\.\d+, far from the values given", warned)
 
 

@@ -211,7 +211,7 @@ def test_a_planar_mesh_does_not_fit_where_a_body_is_read():
 
 
 def test_a_mesh_of_solid_cells_needs_its_outer_shape():
-    with pytest.raises(StageError, match="only a planar mesh can do without an outer shape"):
+    with pytest.raises(StageError, match="outer: is required unless the mesh is planar"):
         field_of(tetrahedra((1, 1, 1)), voxel_size=0.2)
 
 

@@ -125,13 +125,16 @@ def test_small_pieces_go_where_that_is_asked_for_and_the_porosity_is_met_without
 
 
 def test_an_outer_shape_beside_the_mesh_is_an_error():
-    with pytest.raises(StageError, match=r"^nothing of the mesh lies in the section of the outer shape at z = 5 mm; "):
+    with pytest.raises(StageError, match=r"^mesh: no part of it lies inside the outer shape at z = 5 mm; "):
         contour_of(dots, outer=OuterShape(*box((0.0, 0.0, 0.0), (1.0, 1.0, 1.0))), iso=0.0)
 
 
 @pytest.mark.parametrize("iso", [-1.5, 1.0, 2.0])
 def test_an_iso_beyond_the_field_is_an_error_that_tells_its_range(iso: float):
-    with pytest.raises(StageError, match=rf"^iso {iso:g}: no contour within the outline, .* from -1 to 1; choose a va"):
+    with pytest.raises(
+        StageError,
+        match=rf"^iso {iso:g}: must be within the range of the field inside the outline, -1 to 1; choose a va",
+    ):
         contour_of(field_of(dots, 0.1), iso=iso)
 
 
@@ -144,37 +147,39 @@ def test_only_samples_within_the_outline_count():
 
 def test_a_porosity_out_of_reach_is_an_error_that_tells_the_reachable():
     ends_early = field_of(dots, half=2.0)
-    said = r"^porosity 0\.5: out of reach, as this field gives 0\.6\d* to (0\.99\d*|1\.0000); ask for more$"
+    said = r"^porosity 0\.5: must be within the range of this field, 0\.6\d* to (0\.99\d*|1\.0000); raise porosity$"
     with pytest.raises(StageError, match=said):
         contour_of(ends_early, porosity=0.5)
     assert contour_of(ends_early, porosity=0.9).porosity == pytest.approx(0.9, abs=1e-3)
 
 
 def test_a_porosity_near_one_is_out_of_reach_of_pixels():
-    with pytest.raises(StageError, match=r"^porosity 0\.999999: out of reach, .* ask for less$"):
+    with pytest.raises(
+        StageError, match=r"^porosity 0\.999999: must be within the range of this field, .* lower porosity$"
+    ):
         contour_of(dots, porosity=0.999999)
 
 
 def test_a_porosity_that_the_field_jumps_over_is_a_warning():
-    with pytest.warns(UserWarning, match=r"^porosity 0\.4: no iso gives it; the nearest found has 0\.\d+ at iso"):
+    with pytest.warns(UserWarning, match=r"^porosity 0\.4: no iso-value gives it; the nearest is 0\.\d+ at iso"):
         contour_of(lambda x, _: np.where(x > 1.0, 1.0, np.where(x < -3.0, -1.0, 0.0)), porosity=0.4)
 
 
 def test_a_field_without_change_has_no_contour():
-    with pytest.raises(StageError, match=r"^the field is the same everywhere within the outline"):
+    with pytest.raises(StageError, match=r"^field: is constant inside the outline and has no contour"):
         contour_of(lambda x, _: np.ones_like(x), porosity=0.4)
 
 
 def test_a_field_of_many_layers_is_an_error_that_names_another_stage():
     solid = ScalarField(np.random.default_rng(1).normal(size=(9, 9, 7)), np.array([-4.0, -4.0, 5.0]), 1.0)
-    with pytest.raises(
-        StageError, match=r"^the field has 7 layers of samples, but a contour lies in one; .*isosurface"
-    ):
+    with pytest.raises(StageError, match=r"^field: must have one layer of samples for a contour, got 7; .*isosurface"):
         contour_of(solid, iso=0.0)
 
 
 def test_a_field_in_another_plane_is_an_error():
-    with pytest.raises(StageError, match=r"^the field lies at z = 4 mm, the mesh at 5; give the field of this mesh"):
+    with pytest.raises(
+        StageError, match=r"^field: must lie in the mesh's plane, z = 5 mm, got 4; use this mesh's field"
+    ):
         contour_of(field_of(dots, z=4.0), iso=0.0)
 
 

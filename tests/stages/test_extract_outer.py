@@ -155,13 +155,13 @@ def test_a_surface_folded_onto_itself_cannot_be_parted():
 
 def test_bodies_upon_each_other_are_refused():
     cube = hexahedra((3, 3, 3), 4.0)
-    with pytest.raises(StageError, match=r"mesh: 2 bodies lie upon each other at .* set load_volume_mesh.component to"):
+    with pytest.raises(StageError, match=r"mesh: 2 bodies overlap at .* set load_volume_mesh.component to"):
         extracted(both(cube, moved(cube, (5.0, 5.0, 5.0), 0.1)))
 
 
 def test_a_boundary_that_passes_through_itself_is_refused():
     cube = hexahedra((1, 1, 1), 4.0)
-    with pytest.raises(StageError, match=r"passes through itself: \d+ triangles intersect others .*; mend"):
+    with pytest.raises(StageError, match=r"intersects itself: \d+ triangles intersect others .*; repair"):
         extracted(both(cube, moved(cube, (3.0, 2.5, 2.0))))
 
 
@@ -171,7 +171,7 @@ def test_cells_that_take_a_face_crosswise_are_refused():
     shared = np.intersect1d(cells[0], cells[1])
     a, b = (int(np.flatnonzero(cells[1] == corner)[0]) for corner in shared[[0, 2]])
     cells[1, [a, b]] = cells[1, [b, a]]
-    with pytest.raises(StageError, match="cells do not match at 1 of the faces that they share"):
+    with pytest.raises(StageError, match="cells do not match at 1 of their shared faces"):
         extracted(VolumeMesh(mesh.vertices, hexahedra=cells))
 
 
@@ -197,7 +197,7 @@ def test_a_real_mesh_that_passes_through_itself_is_refused():
     if not (DATA / "vtkdata_can.vtu").is_file():
         pytest.skip("the real meshes are not beside this checkout")
     mesh = load_volume_mesh(params=LoadVolumeMeshParams(path=DATA / "vtkdata_can.vtu", units="mm"))
-    with pytest.raises(StageError, match="passes through itself: 259 triangles intersect others"):
+    with pytest.raises(StageError, match="intersects itself: 259 triangles intersect others"):
         extracted(mesh)
 
 

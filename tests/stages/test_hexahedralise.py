@@ -208,7 +208,7 @@ def test_cells_too_small_for_memory_are_refused_with_the_size_that_fits(size: fl
     monkeypatch.setattr(module, "available_memory", lambda: 2**30)
     outer = outer_of(box((0.0, 0.0, 0.0), (10.0, 10.0, 10.0)))
     with pytest.raises(
-        StageError, match=r"the cells need .* GiB, but 1\.0 GiB are free; ([\d.]+) mm would fit"
+        StageError, match=r"the cells need .* GiB, but 1\.0 GiB are free; use ([\d.]+) mm or more"
     ) as told:
         hexahedra_of(outer, size, "fitted")
     fitting = float(str(told.value).rsplit(maxsplit=4)[1])

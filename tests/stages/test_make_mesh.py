@@ -112,9 +112,9 @@ def test_the_edge_scales_all_of_a_mesh():
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"shape": "block"}, "counts: a block needs the number of its cubes"),
-        ({"shape": "rod", "counts": 3}, "counts: only a block has it, a rod has none; leave it out"),
-        ({"shape": "cube", "cell": "tetrahedron"}, "cell: only a block has it, a cube has none; leave it out"),
+        ({"shape": "block"}, "counts: is required for a block; give 4 or"),
+        ({"shape": "rod", "counts": 3}, "counts: is for a block only, not for a rod; leave it out"),
+        ({"shape": "cube", "cell": "tetrahedron"}, "cell: is for a block only, not for a cube; leave it out"),
         ({"shape": "block", "counts": (1000, 1000, 1000)}, "counts: must make at most 1000000 cells, got 1000000000"),
         ({"shape": "block", "counts": 60, "cell": "tetrahedron"}, "got 1296000"),
         ({"shape": "block", "counts": (3, 0, 3)}, "greater than or equal to 1"),

@@ -72,12 +72,12 @@ def test_a_disc_has_the_symmetry_of_a_hexagon():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"shape": "triangle", "counts": (2, 2)}, "counts: has no meaning with shape: triangle; leave it out"),
-        ({"shape": "disc"}, "rings: is needed with shape: disc; give it"),
-        ({"shape": "triangles"}, "counts: is needed with shape: triangles; give it"),
+        ({"shape": "triangle", "counts": (2, 2)}, "counts: does not apply to shape: triangle; leave it out"),
+        ({"shape": "disc"}, "rings: is required with shape: disc; give it"),
+        ({"shape": "triangles"}, "counts: is required with shape: triangles; give it"),
         (
             {"shape": "quadrangles", "counts": (1, 1), "rings": 3},
-            "rings: has no meaning with shape: quadrangles; leave",
+            "rings: does not apply to shape: quadrangles; leave",
         ),
         ({"shape": "triangles", "counts": (0, 2)}, "greater than or equal to 1"),
         ({"edge": 0.0}, "greater than 0"),

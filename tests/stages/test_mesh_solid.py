@@ -13,7 +13,7 @@ from scaffold_geometry.arrays import Ints
 from scaffold_geometry.files.solids.finite_elements import WRITERS, require_read_back
 from scaffold_geometry.surfaces.booleans import from_manifold, to_manifold
 from scaffold_geometry.volumes import tetrahedra as module
-from scaffold_geometry.volumes.tetrahedra import default_edge, quality
+from scaffold_geometry.volumes.tetrahedra import default_edge, measure_quality
 from scaffold_pipeline.artifacts import Solid, VolumeMesh
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_stages.mesh_solid import MeshSolidParams, mesh_solid
@@ -147,7 +147,7 @@ def test_a_mesh_that_falls_apart_is_refused(tmp_path: Path, answer: dict):
     used, answer["cells"] = drop_unused(halves)
     answer["vertices"] = np.tile(answer["vertices"], (2, 1))[used]
 
-    write_bad(tmp_path, "must be in as many pieces as it, 1, but its cells are in 2; lower edge_length")
+    write_bad(tmp_path, "number of pieces: must be 1 as in the solid, got 2; thin struts are lost: lower edge_length")
 
 
 def test_cells_that_share_only_an_edge_are_pieces(tmp_path: Path, answer: dict):
@@ -175,7 +175,9 @@ def test_a_mesh_with_a_handle_less_is_told(tmp_path: Path, answer: dict):
     thin = filled.vertices - SOLID.bounds.mean(axis=0)
     answer["vertices"] = thin * [1.0, 1.0, 8.0 / 9.0]
 
-    with pytest.warns(PipelineWarning, match=r"Euler characteristic is \+1 off that of the solid: thin struts"):
+    with pytest.warns(
+        PipelineWarning, match=r"Euler characteristic differs by \+1 from that of the solid: thin struts"
+    ):
         facts = written(tmp_path)
 
     assert facts["euler_difference"] == 1
@@ -185,7 +187,7 @@ def test_a_mesh_with_a_handle_more_is_told(tmp_path: Path, answer: dict):
     solid = boundary_of(cubes_of_six([*RING, (1, 1, 0)]))
     answer["vertices"] *= [1.0, 1.0, 9.0 / 8.0]
 
-    with pytest.warns(PipelineWarning, match=r"Euler characteristic is -1 off that of the solid: narrow gaps"):
+    with pytest.warns(PipelineWarning, match=r"Euler characteristic differs by -1 from that of the solid: narrow gaps"):
         facts = written(tmp_path, solid)
 
     assert facts["distance_mm"] == pytest.approx(1.0 / 8.0, abs=1e-6)
@@ -205,7 +207,7 @@ def test_a_fine_surface_is_thinned_out_before_it_is_filled(monkeypatch: pytest.M
         module, "run_ftetwild", lambda vertices, faces, *_: {"vertices": vertices, "cells": np.asarray(faces)}
     )
 
-    made = module.fill(np.array(cubes.vertices), np.array(cubes.faces), 200.0, 3.0, 0.1)
+    made = module.simplify_and_fill(np.array(cubes.vertices), np.array(cubes.faces), 200.0, 3.0, 0.1)
 
     thinned = Solid(made["vertices"], made["cells"])
     assert len(thinned.faces) <= 200 < len(cubes.faces)
@@ -215,12 +217,12 @@ def test_a_fine_surface_is_thinned_out_before_it_is_filled(monkeypatch: pytest.M
 def test_many_triangles_get_few_rounds(monkeypatch: pytest.MonkeyPatch):
     rounds = []
     monkeypatch.setattr(module, "run_ftetwild", lambda *given: rounds.append(given[4]))
-    monkeypatch.setattr(module, "MANY", len(SOLID.faces))
+    monkeypatch.setattr(module, "LARGE_SURFACE", len(SOLID.faces))
 
     for faces in (SOLID.faces, np.concatenate([SOLID.faces, SOLID.faces])):
-        module.fill(SOLID.vertices, faces, np.inf, 1.0, 0.1)
+        module.simplify_and_fill(SOLID.vertices, faces, np.inf, 1.0, 0.1)
 
-    assert rounds == [module.ROUNDS, module.FEW_ROUNDS]
+    assert rounds == [module.ROUNDS, module.LARGE_SURFACE_ROUNDS]
 
 
 def test_flat_cells_are_told_of(tmp_path: Path, answer: dict):
@@ -296,7 +298,7 @@ def test_the_quality_of_a_regular_tetrahedron_is_the_best():
         corners, np.array([[0, 2, 1, 3]]) if np.linalg.det(corners[1:] - corners[0]) < 0 else [[0, 1, 2, 3]]
     )
 
-    worst = quality(mesh)
+    worst = measure_quality(mesh)
 
     assert worst.scaled_jacobian == pytest.approx(1.0)
     assert worst.flat_cells == 0
@@ -306,7 +308,7 @@ def test_the_quality_of_a_regular_tetrahedron_is_the_best():
 def test_the_quality_of_a_corner_of_a_cube_is_known():
     corner = VolumeMesh(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]), [[0, 1, 2, 3]])
 
-    worst = quality(corner)
+    worst = measure_quality(corner)
 
     assert worst.scaled_jacobian == pytest.approx(np.sqrt(2.0) / 2.0)
     assert worst.dihedral_angle == pytest.approx(54.7356, abs=1e-3)

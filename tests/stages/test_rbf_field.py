@@ -216,14 +216,14 @@ def test_a_system_or_grid_beyond_the_memory_is_refused(monkeypatch: pytest.Monke
 
 
 def test_a_mesh_of_solid_cells_needs_its_outer_shape():
-    with pytest.raises(StageError, match="only a planar mesh can do without an outer shape"):
+    with pytest.raises(StageError, match="outer: is required unless the mesh is planar"):
         rbf_field(volume(one_hexahedron()), params=RbfFieldParams(voxel_size=0.2))
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"basis": "thin_plate_spline", "c": 0.1}, "c: has no meaning with basis: thin_plate_spline; leave it out"),
+        ({"basis": "thin_plate_spline", "c": 0.1}, "c: does not apply to basis: thin_plate_spline; leave it out"),
         ({"basis": "cubic"}, "basis\n.*'gaussian', 'multiquadric', 'inverse_multiquadric' or 'thin_plate_spline'"),
         ({"c": 0.0}, "c\n.*greater than or equal to 0.000000001"),
         ({"c": 1e7}, "c\n.*less than or equal to 1000000"),

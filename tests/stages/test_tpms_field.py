@@ -175,10 +175,7 @@ def test_a_section_is_a_layer_of_the_field():
 
 def test_a_cell_larger_than_the_shape_is_refused_with_both_lengths():
     flat = OuterShape(*box((0.0, 0.0, 0.0), (20.0, 4.0, 20.0)))
-    said = (
-        "cell_size 5 mm: no whole cell fits into the outer shape, which is 4 mm along y; choose at most that, better a "
-        "third of it"
-    )
+    said = "cell_size 5 mm: must be at most the size of the outer shape, 4 mm along y; choose a third of that or less"
     with pytest.raises(StageError, match=f"^{re.escape(said)}$"):
         field_of(flat, cell_size=5.0)
     assert field_of(flat, cell_size=4.0).facts["cell_size"] == 4.0
@@ -204,7 +201,10 @@ def test_a_grid_beyond_the_memory_is_refused(monkeypatch: pytest.MonkeyPatch):
         ({"voxel_size": None}, "give either voxel_size or grid"),
         ({"grading": {"porosity": (0.5, 1.0)}}, "porosity.1\n.*less than 1"),
         ({"grading": {"porosity": (0.5, 0.6), "axis": "w"}}, "axis\n.*'x', 'y' or 'z'"),
-        ({"grading": {"porosity": (0.5, 0.6), "between": (4.0, 4.0)}}, "between: must be the low end, then the high"),
+        (
+            {"grading": {"porosity": (0.5, 0.6), "between": (4.0, 4.0)}},
+            "between: must be [low end, high end] in ascending",
+        ),
         ({"mesh": 1}, "mesh\n.*not permitted"),
     ],
 )

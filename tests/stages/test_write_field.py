@@ -61,7 +61,7 @@ def test_the_same_field_gives_the_same_bytes(field, tmp_path):
 
 def test_a_file_that_does_not_give_the_field_back_is_deleted(field, tmp_path, monkeypatch):
     monkeypatch.setitem(module._READERS, "npy", lambda path: np.load(path).ravel(order="F") + 1)
-    with pytest.raises(StageError, match=r"field\.npy: read back, it does not hold the field"):
+    with pytest.raises(StageError, match=r"field\.npy: differs from the field when read back"):
         write_field(field, params=WriteFieldParams(formats=("npy",)), out=tmp_path)
     assert not (tmp_path / "field.npy").exists()
 

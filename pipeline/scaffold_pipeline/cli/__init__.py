@@ -1,1 +1,1 @@
-"""The command scaffold-pipeline: arguments to calls; it decides nothing."""
+"""The command `scaffold-pipeline`: it turns arguments into calls and decides nothing else."""

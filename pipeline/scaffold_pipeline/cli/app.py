@@ -1,6 +1,6 @@
-"""The command `scaffold-pipeline`: arguments to calls.
+"""The command `scaffold-pipeline`: it turns arguments into calls.
 
-What only one command needs is imported inside it, so that `--help` answers at once.
+A module that only one command needs is imported inside that command, so that `--help` is fast.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from scaffold_pipeline.cli.options import (
     Quiet,
     Settings,
     answer,
-    chosen_cache,
+    select_cache,
 )
 from scaffold_pipeline.cli.provenance import crate, report, verify
 from scaffold_pipeline.cli.study import cache, study
@@ -43,7 +43,7 @@ app = App(
     help="From an anatomical surface to a printable porous scaffold.",
     help_epilogue=(
         "Exit codes: 0 ok; 1 a stage failed; 2 configuration or usage; 3 a quality gate failed; 130 interrupted. "
-        "Every command takes --debug, which shows a traceback with an error."
+        "Every command takes --debug: print a traceback with an error."
     ),
     version=__version__,
     default_parameter=Parameter(negative=()),
@@ -57,7 +57,7 @@ def run(  # noqa: PLR0913 - one argument an option
     config: Path,
     *,
     out: Path | None = None,
-    settings: Settings = [],  # noqa: B006 - cyclopts reads it, nothing writes it
+    settings: Settings = [],  # noqa: B006 - never modified
     until: str | None = None,
     force: Annotated[list[str] | None, Parameter(consume_multiple=True)] = None,
     dry_run: Annotated[bool, Parameter(name=["--dry-run", "-n"])] = False,
@@ -71,17 +71,17 @@ def run(  # noqa: PLR0913 - one argument an option
     Parameters
     ----------
     config
-        The YAML file that says what to run.
+        The config, a YAML file.
     out
         Run directory; runs/NAME by default.
     until
-        Stop after this stage; the run directory's files stay as they are.
+        Stop after this stage; the run directory's files are not changed.
     force
-        Run all stages again, or those named here; give it after CONFIG.
+        Run all stages again, or only those named; put it after CONFIG.
     dry_run
-        Print what would run, and run nothing.
+        Print what would run, without running it.
     scheduler
-        Address of a Dask scheduler whose workers compute large fields in slabs; all else is computed here.
+        Address of a Dask scheduler; its workers compute large fields in slabs, this machine everything else.
     """
     from scaffold_pipeline.cli.console import watch
     from scaffold_pipeline.report.publish import publish, run_metrics
@@ -92,12 +92,12 @@ def run(  # noqa: PLR0913 - one argument an option
     folder = out or Path("runs", plan.name)
     forced = [plan.require_label(name, "force") for name in force] if force else plan.labels if force == [] else []
     last = plan.labels.index(plan.require_label(until, "until")) if until else len(plan.labels) - 1
-    shared = chosen_cache(cache_folder)
+    shared = select_cache(cache_folder)
     if dry_run:
-        wanted, unchanged = plan.labels[: last + 1], runner.unchanged_labels(plan, folder, forced, shared)
-        reused = [label for label in wanted if label in unchanged]
-        lines = [f"{label}: {'unchanged' if label in reused else 'to run'}" for label in wanted]
-        return answer({"stages": wanted, "unchanged": reused}, "\n".join(lines), as_json=as_json)
+        labels, unchanged = plan.labels[: last + 1], runner.unchanged_labels(plan, folder, forced, shared)
+        reused = [label for label in labels if label in unchanged]
+        lines = [f"{label}: {'unchanged' if label in reused else 'to run'}" for label in labels]
+        return answer({"stages": labels, "unchanged": reused}, "\n".join(lines), as_json=as_json)
     with cluster_executor(scheduler) as others, runner.locked(folder), watch(quiet=quiet or as_json) as progress:
         result = runner.execute(
             plan, folder, until=until, force=forced, progress=progress, cache=shared, executor=others
@@ -109,8 +109,8 @@ def run(  # noqa: PLR0913 - one argument an option
     if not result.is_complete:
         return answer({"out": str(folder), "until": until}, f"stopped after {until}", as_json=as_json)
     failed = result.metrics.failed_gates if result.metrics else ()
-    told = {"out": str(folder), "metrics": run_metrics(result), "files": result.files}
-    answer(told, "" if quiet else _closing_words(folder, run_metrics(result)), as_json=as_json)
+    payload = {"out": str(folder), "metrics": run_metrics(result), "files": result.files}
+    answer(payload, "" if quiet else _summary_line(folder, run_metrics(result)), as_json=as_json)
     for gate in failed:
         print(f"{folder}: quality gate failed: {gate}", file=sys.stderr)
     return GATE_FAILED if failed else 0
@@ -118,7 +118,7 @@ def run(  # noqa: PLR0913 - one argument an option
 
 @app.command
 def validate(config: Path, *, settings: Settings = [], as_json: Json = False) -> int:  # noqa: B006 - as in run
-    """Check a config or a study, without running it: every fault with file:line:column.
+    """Check a config or study without running it, and print every fault with file:line:column.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def validate(config: Path, *, settings: Settings = [], as_json: Json = False) ->
 
 @app.command
 def stages(name: str | None = None, *, markdown: bool = False, metrics: bool = False) -> int:
-    """List the installed stages, or tell the parameters and metrics of one.
+    """List the installed stages, or show the parameters and metrics of one.
 
     Parameters
     ----------
@@ -178,9 +178,9 @@ def new(folder: Path, *, example: str = "femoral_head") -> int:
     Parameters
     ----------
     folder
-        Where to write config.yaml and schema.json; made if need be.
+        Folder for config.yaml and schema.json; created if it does not exist.
     example
-        Which example to start from.
+        Name of the example to start from.
     """
     from scaffold_pipeline.config.starter import write_example
 
@@ -191,14 +191,14 @@ def new(folder: Path, *, example: str = "femoral_head") -> int:
 
 @app.command
 def inspect(file: Path, *, units: str | None = None, as_json: Json = False) -> int:
-    """Measure any surface or solid file: size, volume, manifoldness, pieces.
+    """Measure a surface or solid file: size, volume, manifoldness, pieces.
 
     Parameters
     ----------
     file
         STL, OBJ, PLY, OFF, 3MF, GLB, VTP or legacy VTK.
     units
-        mm, cm, m or inch; without it the file's own, or mm.
+        mm, cm, m or inch; by default the unit stored in the file, or mm.
     """
     from scaffold_pipeline.stages.inspection import inspect_file
 
@@ -215,24 +215,24 @@ def compare(
     show_all: Annotated[bool, Parameter(name="--all")] = False,
     as_json: Json = False,
 ) -> int:
-    """Set two runs side by side: configs, inputs, metrics, hashes of artifacts and files, versions.
+    """Compare two runs: configs, inputs, metrics, hashes of artifacts and files, versions.
 
-    Times and memory are left out: they differ between any two runs.
+    Times and memory are not compared: they differ between any two runs.
 
     Parameters
     ----------
     first
         Directory of a finished run.
     second
-        Directory of the other.
+        Directory of the other run.
     show_all
-        Show what is equal in both too.
+        Show equal values too.
     """
     from scaffold_pipeline.provenance.compare import compare_runs, to_lines
 
     compared = compare_runs(first, second, show_all=show_all)
-    told = {section: [asdict(line) for line in lines] for section, lines in compared.items()}
-    return answer({"a": str(first), "b": str(second), **told}, "\n".join(to_lines(compared)), as_json=as_json)
+    sections = {section: [asdict(line) for line in lines] for section, lines in compared.items()}
+    return answer({"a": str(first), "b": str(second), **sections}, "\n".join(to_lines(compared)), as_json=as_json)
 
 
 app.command(study)
@@ -243,7 +243,7 @@ app.command(crate)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run one command and return its exit code; every failure is a line on standard error."""
+    """Run one command and return its exit code; every failure is one line on standard error."""
     use_one_blas_thread()
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = _DEBUG in tokens
@@ -251,12 +251,12 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         code = int(app(tokens, exit_on_error=False, print_error=False) or 0)
         sys.stdout.flush()
-    except BrokenPipeError:  # `| head` has read enough
+    except BrokenPipeError:  # the reader has stopped, as `| head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except KeyboardInterrupt:
-        return _fail("interrupted; the same command goes on with the stages that are finished", INTERRUPTED, tokens)
-    except Exception as error:  # noqa: BLE001 - a user meets lines, not tracebacks
+        return _fail("interrupted; finished stages are kept: the same command continues", INTERRUPTED, tokens)
+    except Exception as error:  # noqa: BLE001 - a user sees a line, not a traceback
         if debug:
             traceback.print_exc()
         return _fail(*_error_lines(error), tokens)
@@ -270,16 +270,16 @@ def _plan(config: Path, settings: list[str]) -> Plan:
     return make_plan(read_draft(config, settings))
 
 
-def _closing_words(folder: Path, metrics: dict[str, Fact]) -> str:
-    asked, got = metrics.get("porosity_requested"), metrics.get("porosity")
-    porosity = f"porosity {got:.3f}" if isinstance(got, float) else "porosity not measured"
-    wanted = f" (asked {asked:.3f})" if isinstance(asked, float) else ""
+def _summary_line(folder: Path, metrics: dict[str, Fact]) -> str:
+    requested, measured = metrics.get("porosity_requested"), metrics.get("porosity")
+    porosity = f"porosity {measured:.3f}" if isinstance(measured, float) else "porosity not measured"
+    target = f" (requested {requested:.3f})" if isinstance(requested, float) else ""
     quality = metrics["quality"] if isinstance(metrics["quality"], str) else "FAILED"
-    return f"{folder}: {porosity}{wanted}, quality: {quality}; see {folder / 'report.html'}"
+    return f"{folder}: {porosity}{target}, quality: {quality}; see {folder / 'report.html'}"
 
 
 def _error_lines(error: Exception) -> tuple[str, int]:
-    """Return the lines and the exit code that an error becomes."""
+    """Return the text to print for an error, and the exit code."""
     return (str(error), USAGE) if isinstance(error, CycloptsError) else lines_and_code(error)
 
 

@@ -1,4 +1,4 @@
-"""What a person at a terminal sees of a run: a live bar a stage, or plain lines where there is no terminal."""
+"""Progress of a run or study on standard error: a live bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _GIB = 2**30
 
 @contextmanager
 def watch(*, quiet: bool) -> Iterator[runner.Progress]:
-    """Show the stages of a run on standard error as they start and finish; nothing where `quiet`."""
+    """Print the stages of a run on standard error as they start and finish; print nothing if `quiet`."""
     console = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     if quiet:
         yield runner.Progress()
@@ -28,7 +28,7 @@ def watch(*, quiet: bool) -> Iterator[runner.Progress]:
         with _live(console) as progress:
             yield progress
     else:
-        yield _telling(console)
+        yield _plain_progress(console)
 
 
 @contextmanager
@@ -40,26 +40,26 @@ def _live(console: Console) -> Iterator[runner.Progress]:
         def started(step: Step, number: int, count: int) -> None:
             bars.reset(task, description=f"{step.label} ({number} of {count})", total=None)
 
-        yield replace(_telling(console), started=started)
+        yield replace(_plain_progress(console), started=started)
 
 
-def _telling(console: Console) -> runner.Progress:
+def _plain_progress(console: Console) -> runner.Progress:
     return runner.Progress(
-        finished=lambda record: _tell(console, record),
+        finished=lambda record: _print_record(console, record),
         warned=lambda message: console.print(f"warning: {message}", markup=False),
     )
 
 
-def _tell(console: Console, record: StepRecord) -> None:
-    done = "unchanged" if record.reused else f"{record.seconds:.1f} s, {record.peak_memory_bytes / _GIB:.2f} GiB"
-    console.print(f"{record.label}: {done}", markup=False)
+def _print_record(console: Console, record: StepRecord) -> None:
+    cost = "unchanged" if record.reused else f"{record.seconds:.1f} s, {record.peak_memory_bytes / _GIB:.2f} GiB"
+    console.print(f"{record.label}: {cost}", markup=False)
     for message in record.warnings:
         console.print(f"{record.label}: warning: {message}", markup=False)
 
 
 @contextmanager
 def watch_study(*, quiet: bool) -> Iterator[Watcher]:
-    """Show the points of a study on standard error as they end, on a terminal with a bar; nothing where `quiet`."""
+    """Print the points of a study on standard error as they end, with a bar on a terminal; nothing if `quiet`."""
     console = Console(stderr=True, highlight=False, soft_wrap=True, emoji=False)
     if quiet:
         yield Watcher()
@@ -70,12 +70,12 @@ def watch_study(*, quiet: bool) -> Iterator[Watcher]:
 
         def ended(state: PointState, number: int, count: int) -> None:
             bars.update(task, completed=number, total=count)
-            console.print(f"[{number}/{count}] {state.name}: {_ending(state)}", markup=False)
+            console.print(f"[{number}/{count}] {state.name}: {_outcome_text(state)}", markup=False)
 
         yield Watcher(ended, lambda message: console.print(f"warning: {message}", markup=False))
 
 
-def _ending(state: PointState) -> str:
+def _outcome_text(state: PointState) -> str:
     if state.error is not None:
         return f"FAILED: {state.error}"
     run, shared = state.seconds

@@ -1,4 +1,4 @@
-"""What the commands have in common: exit codes, options, and how they answer."""
+"""Exit codes, options and output that the commands share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ USAGE = 2
 FAILED = 1
 
 Settings = Annotated[list[str], Parameter(name="--set", help="Override a value: stage.key=value; may be repeated.")]
-Quiet = Annotated[bool, Parameter(help="Say nothing but errors.")]
+Quiet = Annotated[bool, Parameter(help="Print errors only.")]
 Json = Annotated[bool, Parameter(name="--json", help="Print one JSON object on standard output and nothing else.")]
 DryRun = Annotated[bool, Parameter(name=["--dry-run", "-n"])]
 CacheFolder = Annotated[
@@ -26,7 +26,7 @@ CacheFolder = Annotated[
 
 
 def answer(value: object, text: str, *, as_json: bool) -> int:
-    """Print a command's answer, as JSON or as text, and return exit code 0."""
+    """Print a command's result, as JSON or as text, and return exit code 0."""
     if as_json:
         import json
 
@@ -36,8 +36,8 @@ def answer(value: object, text: str, *, as_json: bool) -> int:
     return 0
 
 
-def chosen_cache(folder: Path | None) -> Cache | None:
-    """Return the cache that the user names, here or in the environment, with the limit that stands there, or None."""
+def select_cache(folder: Path | None) -> Cache | None:
+    """Return the cache in `folder`, or the one named in the environment, with the environment's size limit, or None."""
     from scaffold_pipeline.run.cache import choose_cache
 
     return choose_cache(folder)

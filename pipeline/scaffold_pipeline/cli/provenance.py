@@ -1,4 +1,4 @@
-"""The commands on what is done: `verify` makes it again, `report` its page, and `crate` packs it to hand on."""
+"""Commands on finished runs: `verify` repeats one, `report` rewrites its page, `crate` packs it to hand on."""
 
 from __future__ import annotations
 
@@ -26,34 +26,34 @@ def verify(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
-    """Run again what a run recorded, and compare the hash of each result; name the first that differs.
+    """Repeat a finished run and compare the hash of each result; report the first that differs.
 
-    What cannot be repeated, a mesh of fTetWild, is taken from the run's store. The folder itself stays as it is.
+    fTetWild is not deterministic, so its mesh is taken from the run's store. The folder itself is not changed.
 
     Parameters
     ----------
     folder
         The folder of a finished run, or of a study's point.
     threads
-        Threads of compiled code; no result depends on them.
+        Number of threads of compiled code; no result depends on it.
     """
     from scaffold_pipeline.cli.console import watch
     from scaffold_pipeline.provenance.verify import verify_run
 
     with watch(quiet=quiet or as_json) as progress, threads_of_children(threads) if threads else nullcontext():
-        found = verify_run(folder, progress)
-    told = {"out": str(folder), "agrees": found.difference is None, **asdict(found)}
-    answer(told, "" if quiet or found.difference else f"{folder}: {_agreement(found)}", as_json=as_json)
-    if found.difference is None:
+        result = verify_run(folder, progress)
+    payload = {"out": str(folder), "agrees": result.difference is None, **asdict(result)}
+    answer(payload, "" if quiet or result.difference else f"{folder}: {_agreement(result)}", as_json=as_json)
+    if result.difference is None:
         return 0
-    print(f"{folder}: {_difference(found)}", file=sys.stderr)
+    print(f"{folder}: {_difference(result)}", file=sys.stderr)
     return FAILED
 
 
 def report(
     folder: Annotated[Path, Parameter(name="RUN_DIR")], /, *, quiet: Quiet = False, as_json: Json = False
 ) -> int:
-    """Write report.html again from a run's record and files; nothing is computed again.
+    """Write report.html again from a run's record and files, without computing anything.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def crate(
     folder
         The folder of a run or of a study.
     licence
-        URL of the licence that you give the files under: a crate has to name one.
+        URL of the licence of the files; every crate must name one.
     out
         The ZIP file to write; DIR.crate.zip by default.
     """
@@ -89,23 +89,24 @@ def crate(
 
     target = out or folder.resolve().with_name(f"{folder.resolve().name}.crate.zip")
     count = write_crate(folder, target, licence)
-    text = f"{target}: {count} files; who made it is for you to add"
+    text = f"{target}: {count} files; the authors are not known here, add them yourself"
     return answer({"crate": str(target), "files": count}, text, as_json=as_json)
 
 
-def _agreement(found: Verification) -> str:
-    fixed = f"; cannot be repeated and taken as stored: {', '.join(found.stored)}" if found.stored else ""
-    return f"{found.stages} stages and {found.files} files agree with the record{fixed}{_versions(found)}"
+def _agreement(result: Verification) -> str:
+    fixed = f"; not deterministic, so taken from the store: {', '.join(result.stored)}" if result.stored else ""
+    return f"{result.stages} stages and {result.files} files agree with the record{fixed}{_versions(result)}"
 
 
-def _difference(found: Verification) -> str:
-    first = found.difference
+def _difference(result: Verification) -> str:
+    first = result.difference
     if first is None:
-        raise AssertionError("told only of a difference")
+        raise AssertionError("there is no difference to describe")
     hashes = f"recorded {first.recorded or 'nothing'}, found {first.found or 'nothing'}"
-    return f"{first.label}: {first.what} differs: {hashes}; {found.stages} stages before it agree{_versions(found)}"
+    return f"{first.label}: {first.what} differs: {hashes}; {result.stages} stages before it agree{_versions(result)}"
 
 
-def _versions(found: Verification) -> str:
-    changed = [f"{name} {then or 'absent'} then, {now or 'absent'} now" for name, (then, now) in found.versions.items()]
-    return f"; other versions: {'; '.join(changed)}" if changed else ""
+def _versions(result: Verification) -> str:
+    pairs = result.versions.items()
+    changed = [f"{name} {then or 'absent'} then, {now or 'absent'} now" for name, (then, now) in pairs]
+    return f"; different versions: {'; '.join(changed)}" if changed else ""

@@ -1,4 +1,4 @@
-"""The commands on many runs: `study`, and `cache` for what they share."""
+"""Commands on many runs: `study`, and `cache` for the results that they share."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from scaffold_pipeline.cli.options import (
     Quiet,
     Settings,
     answer,
-    chosen_cache,
+    select_cache,
 )
 from scaffold_pipeline.errors import ConfigError, Fault
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 CacheName = Annotated[Path | None, Parameter(help="The cache's folder; SCAFFOLD_PIPELINE_CACHE by default.")]
 
-cache = App(name="cache", help="See and prune what runs share.", default_parameter=Parameter(negative=()))
+cache = App(name="cache", help="Show and prune the results that runs share.", default_parameter=Parameter(negative=()))
 
 
 def study(  # noqa: PLR0913 - one argument an option
@@ -38,7 +38,7 @@ def study(  # noqa: PLR0913 - one argument an option
     /,
     *,
     out: Path | None = None,
-    settings: Settings = [],  # noqa: B006 - cyclopts reads it, nothing writes it
+    settings: Settings = [],  # noqa: B006 - never modified
     workers: Annotated[int | None, Parameter(validator=Number(gte=1))] = None,
     scheduler: str | None = None,
     keep_going: bool = False,
@@ -48,24 +48,24 @@ def study(  # noqa: PLR0913 - one argument an option
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> int:
-    """Run a config over all that a study varies; points that are finished are not run again.
+    """Run every point of a study; finished points are not run again.
 
     Parameters
     ----------
     study_file
-        The YAML file that says what varies.
+        The study, a YAML file.
     out
         The study's folder; studies/NAME by default.
     workers
-        Points that run at once, sharing the cores; by default one a core, and no more than fit into memory.
+        Points to run at the same time, sharing the cores; by default one per core, as far as memory allows.
     scheduler
-        Address of a Dask scheduler whose workers see the study's folder: they run the points, by default one each.
+        Address of a Dask scheduler; its workers run the points, by default one each, and need the study's folder.
     keep_going
-        Go on with the other points after one has failed.
+        Continue with the other points after one has failed.
     dry_run
-        Print the points, what of them is stored and the work that is left; run nothing.
+        Print the points, which results are stored and which are not, without running anything.
     yes
-        Take on a study of thousands of points.
+        Do not ask for confirmation above 2,000 points.
     """
     from scaffold_pipeline.cli.console import watch_study
     from scaffold_pipeline.study.cluster import cluster_pool
@@ -73,21 +73,21 @@ def study(  # noqa: PLR0913 - one argument an option
     from scaffold_pipeline.study.study import plan_points, run_study
     from scaffold_pipeline.study.workers import local_pool
 
-    asked = read_study(study_file, settings, may_be_large=yes)
-    folder, shared = out or Path("studies", asked.name), chosen_cache(cache_folder)
+    points = read_study(study_file, settings, may_be_large=yes)
+    folder, shared = out or Path("studies", points.name), select_cache(cache_folder)
     if dry_run:
-        return _tell_outlook(plan_points(asked, folder, shared), as_json=as_json)
+        return _print_plan(plan_points(points, folder, shared), as_json=as_json)
     pool_factory = partial(cluster_pool, scheduler, count=workers) if scheduler else partial(local_pool, count=workers)
     with watch_study(quiet=quiet or as_json) as watcher:
         states = run_study(
-            asked, folder, cache=shared, pool_factory=pool_factory, keep_going=keep_going, watcher=watcher
+            points, folder, cache=shared, pool_factory=pool_factory, keep_going=keep_going, watcher=watcher
         )
     if shared is not None:
         shared.prune()
-    return _tell_end(folder, states, quiet=quiet, as_json=as_json)
+    return _print_results(folder, states, quiet=quiet, as_json=as_json)
 
 
-def _tell_outlook(plans: list[PointPlan], *, as_json: bool) -> int:
+def _print_plan(plans: list[PointPlan], *, as_json: bool) -> int:
     from scaffold_pipeline.study.study import work_left
 
     points = [
@@ -99,20 +99,20 @@ def _tell_outlook(plans: list[PointPlan], *, as_json: bool) -> int:
         }
         for plan in plans
     ]
-    lines = [f"{point['point']}: {_outlook(point)}" for point in points]
+    lines = [f"{point['point']}: {_plan_text(point)}" for point in points]
     left, done = work_left(plans), sum(plan.is_done for plan in plans)
-    lines.append(f"{len(points)} points, {done} done; {left} results to compute, each once for all that share it")
+    lines.append(f"{len(points)} points, {done} done; {left} results to compute, shared ones once")
     return answer({"points": points, "results_to_compute": left}, "\n".join(lines), as_json=as_json)
 
 
-def _outlook(point: dict[str, object]) -> str:
+def _plan_text(point: dict[str, object]) -> str:
     if point["done"]:
         return "done"
     to_run = point["to_run"]
-    return f"to run: {', '.join(to_run)}" if isinstance(to_run, list) and to_run else "stored, to be written"
+    return f"to run: {', '.join(to_run)}" if isinstance(to_run, list) and to_run else "computed, files to be written"
 
 
-def _tell_end(folder: Path, states: list[PointState], *, quiet: bool, as_json: bool) -> int:
+def _print_results(folder: Path, states: list[PointState], *, quiet: bool, as_json: bool) -> int:
     failed = [state for state in states if state.status == "failed"]
     gated = [state for state in states if state.gates]
     done = sum(state.status == "done" for state in states)
@@ -129,7 +129,7 @@ def _tell_end(folder: Path, states: list[PointState], *, quiet: bool, as_json: b
 
 @cache.command(name="size")
 def cache_size(folder: CacheName = None, *, as_json: Json = False) -> int:
-    """Tell how many results the cache holds, and its size."""
+    """Show the number of results in the cache, and its size."""
     from scaffold_pipeline.report.wording import to_size
 
     used = _cache_named(folder)
@@ -139,29 +139,29 @@ def cache_size(folder: CacheName = None, *, as_json: Json = False) -> int:
 
 @cache.command(name="list")
 def cache_list(folder: CacheName = None, *, as_json: Json = False) -> int:
-    """List the results in the cache, last used first."""
+    """List the results in the cache, the most recently used first."""
     from datetime import UTC, datetime
 
     from scaffold_pipeline.report.wording import to_duration, to_size
 
-    told, lines = [], []
+    payload, lines = [], []
     for entry in _cache_named(folder).entries():
         count, used = sum(entry.files.values()), datetime.fromtimestamp(entry.used, UTC).isoformat(timespec="seconds")
         facts = {"key": entry.key, "stage": entry.stage, "version": entry.version, "seconds": entry.seconds}
-        told.append({**facts, "bytes": count, "used": used})
+        payload.append({**facts, "bytes": count, "used": used})
         made = f"{to_size(count)}, made in {to_duration(entry.seconds)}, used {used}"
         lines.append(f"{entry.key[:12]}  {entry.stage} (version {entry.version}): {made}")
-    return answer(told, "\n".join(lines), as_json=as_json)
+    return answer(payload, "\n".join(lines), as_json=as_json)
 
 
 @cache.command(name="prune")
 def cache_prune(folder: CacheName = None, *, keep: str | None = None, as_json: Json = False) -> int:
-    """Drop what was used longest ago.
+    """Delete the least recently used results.
 
     Parameters
     ----------
     keep
-        The size to get below, such as 5 GB; SCAFFOLD_PIPELINE_CACHE_LIMIT or 20 GB by default, 0 B drops everything.
+        Size to keep, such as 5 GB; by default SCAFFOLD_PIPELINE_CACHE_LIMIT or 20 GB. 0 B deletes everything.
     """
     from scaffold_pipeline.report.wording import to_size
     from scaffold_pipeline.run.cache import parse_size
@@ -172,9 +172,9 @@ def cache_prune(folder: CacheName = None, *, keep: str | None = None, as_json: J
 
 
 def _cache_named(folder: Path | None) -> Cache:
-    used = chosen_cache(folder)
+    used = select_cache(folder)
     if used is None:
-        message = "which cache? Give its folder, or set SCAFFOLD_PIPELINE_CACHE; a study's own is STUDY_FOLDER/cache"
+        message = "no cache is named; give its folder, or set SCAFFOLD_PIPELINE_CACHE; a study has STUDY_FOLDER/cache"
         raise ConfigError([Fault(0, 0, message, "cache")])
     if not used.root.is_dir():
         raise ConfigError([Fault(0, 0, "no such folder", str(used.root))])

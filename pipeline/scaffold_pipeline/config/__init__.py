@@ -1,1 +1,1 @@
-"""From YAML to a checked plan: every fault with file, line and column."""
+"""Reading of configs: from YAML to a checked plan, every fault with file, line and column."""

@@ -1,9 +1,9 @@
-"""A YAML file and `--set` texts to a draft of what shall run: every fault found, each with its place.
+"""From a YAML file and `--set` texts to a draft of the run: all faults are found, each with its place.
 
 name: heel              # also the name of the run directory
 seed: 7                 # all randomness comes from it
 stages:
-  - use: load_surface   # a stage; `as: NAME` renames the slot it writes, `from: {argument: slot}` what it reads
+  - use: load_surface   # a stage; `as: NAME` renames the slot it writes, `from: {argument: slot}` those it reads
     path: heel.stl      # everything else is a parameter of the stage
 """
 
@@ -27,9 +27,9 @@ from scaffold_pipeline.stages.seeds import seed_fault
 
 _TOP_LEVEL = ("name", "seed", "stages")
 STUDY_KEYS = frozenset({"base", "runs", "vary"})
-"""Keys by which a study is told from a config."""
+"""Keys that only a study has."""
 UNNAMED = "run"
-"""What a config that is no file is called where it has no name."""
+"""Name of a config that is not a file and gives none."""
 _STAGE_WORDS = ("use", "as", "from")
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 NAME_RULE = "must be letters, digits, dots, dashes and underscores, as it names a folder"
@@ -38,7 +38,7 @@ _SLOT = re.compile(r"[a-z][a-z0-9_]*")
 
 @dataclass(frozen=True)
 class StageDraft:
-    """One entry of `stages:`; `stage` is None where no such stage is installed, `params` where they are invalid."""
+    """One entry of `stages:`; `stage` is None if no such stage is installed, `params` is None if they are invalid."""
 
     index: int
     use: str
@@ -50,19 +50,19 @@ class StageDraft:
 
     @property
     def path(self) -> yaml_source.Path:
-        """Where the entry stands in the file."""
+        """Place of the entry in the file."""
         return ("stages", self.index)
 
-    def says(self, message: str) -> str:
-        """Return `message` with the entry named before it."""
+    def prefix(self, message: str) -> str:
+        """Return `message` with the name of the entry before it."""
         return f"stages.{self.index} ({self.use}): {message}"
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A value to take the place of a config's own, `target` being stage.key, name or seed.
+    """A value that replaces one of the config; `target` is stage.key, name or seed.
 
-    `place` is where it was asked for, as a fault without a message; its file paths are seen from `folder`.
+    `place` is where it is given, as a fault without a message; its file paths are relative to `folder`.
     """
 
     target: str
@@ -72,13 +72,13 @@ class Setting:
     form: str = "stage.parameter"
 
     def fault(self, message: str) -> Fault:
-        """Return a fault where the setting was asked for."""
+        """Return a fault at the place where the setting is given."""
         return replace(self.place, message=message)
 
 
 @dataclass(frozen=True)
 class Draft:
-    """What a file and the settings ask for, and what is wrong with it so far."""
+    """The configuration in a file with its settings, and the faults found so far."""
 
     name: str
     seed: int
@@ -88,7 +88,7 @@ class Draft:
     faults: tuple[Fault, ...]
 
     def fault(self, path: yaml_source.Path, message: str) -> Fault:
-        """Return a fault at `path`: in the file, or in the setting that put the value there."""
+        """Return a fault at `path`: in the file, or in the setting that gave the value."""
         for length in range(len(path), 0, -1):
             if path[:length] in self.overrides:
                 return self.overrides[path[:length]].fault(message)
@@ -98,8 +98,8 @@ class Draft:
 def read_draft(path: Path, settings: Sequence[str] = ()) -> Draft:
     """Read the configuration at `path` and apply `settings`, texts of the form `stage.key=value`.
 
-    Raises `ConfigError` where the file cannot be read or is not a YAML mapping; every later fault is kept in
-    the draft, so that the plan can add its own before all are shown.
+    Raises `ConfigError` if the file cannot be read or is not a YAML mapping. All other faults are kept in the draft,
+    and are reported together with those of the plan.
     """
     return make_draft(
         read_document(path, "a config is a mapping with the keys name, seed and stages"), read_settings(settings)
@@ -107,7 +107,7 @@ def read_draft(path: Path, settings: Sequence[str] = ()) -> Draft:
 
 
 def read_document(path: Path, rule: str) -> Document:
-    """Return the YAML mapping in the file at `path`; raises `ConfigError` where there is none, by `rule`."""
+    """Return the YAML mapping in the file at `path`; raises `ConfigError` with the text `rule` if it is none."""
     document = yaml_source.parse(_read_text(path), str(path))
     if not isinstance(document.values, dict):
         raise ConfigError([document.fault((), rule)])
@@ -115,7 +115,7 @@ def read_document(path: Path, rule: str) -> Document:
 
 
 def read_settings(texts: Sequence[str | Setting]) -> tuple[Setting, ...]:
-    """Return what texts of the form `stage.key=value` ask for, as `--set` takes them; a setting stays what it is."""
+    """Return the settings in texts of the form `stage.key=value`, as `--set` takes them; a `Setting` stays as it is."""
     settings = []
     for text in texts:
         if isinstance(text, Setting):
@@ -141,7 +141,7 @@ def settings_from(values: Mapping[str, Any] | None) -> tuple[Setting, ...]:
 
 
 def make_draft(document: Document, settings: Sequence[Setting] = ()) -> Draft:
-    """Return the draft of a configuration that was read, with `settings` in the place of its own values."""
+    """Return the draft of a configuration that was read, its values replaced by `settings`."""
     path = Path(document.source)
     values = _copy_tree(document.values)
     values.setdefault("name", path.stem or UNNAMED)
@@ -152,15 +152,15 @@ def make_draft(document: Document, settings: Sequence[Setting] = ()) -> Draft:
     context = {"base": path.resolve().parent} if document.source else {}  # a dict's paths are seen from here
     stages = []
     for index, entry in enumerate(entries if isinstance(entries, list) else []):
-        stage_draft, found = _read_stage(draft, index, entry, context)
+        stage_draft, stage_faults = _read_stage(draft, index, entry, context)
         stages.append(stage_draft)
-        faults.extend(found)
+        faults.extend(stage_faults)
     name, seed = str(values["name"]), values.get("seed", 0)
     return Draft(name, seed if isinstance(seed, int) else 0, tuple(stages), document, overrides, tuple(faults))
 
 
 def _copy_tree(value: Any) -> Any:  # noqa: ANN401 - a YAML tree
-    """Return a copy of a YAML tree in which an alias and what it stands for are two values."""
+    """Return a copy of a YAML tree in which every alias has its own copy of the value."""
     if isinstance(value, dict):
         return {key: _copy_tree(entry) for key, entry in value.items()}
     return [_copy_tree(entry) for entry in value] if isinstance(value, list) else value
@@ -182,7 +182,7 @@ def _read_text(path: Path) -> str:
 def _top_level_faults(draft: Draft, values: dict[Any, Any]) -> Iterator[Fault]:
     if STUDY_KEYS & set(values):
         command = f"`scaffold-pipeline study {draft.document.source}`"
-        yield draft.fault((), f"this is a study; start it with {command}")
+        yield draft.fault((), f"this is a study; run it with {command}")
         return
     for key in values:
         if key not in _TOP_LEVEL:
@@ -206,15 +206,15 @@ def _read_stage(draft: Draft, index: int, entry: object, context: Mapping[str, A
     try:
         stage = load_stage(bare.use)
     except (LookupError, StageDefinitionError) as error:
-        return bare, [draft.fault((*path, "use"), bare.says(str(error.args[0])))]
-    faults = [draft.fault((*path, key), bare.says(message)) for key, message in _word_faults(entry, stage)]
+        return bare, [draft.fault((*path, "use"), bare.prefix(str(error.args[0])))]
+    faults = [draft.fault((*path, key), bare.prefix(message)) for key, message in _word_faults(entry, stage)]
     given = {str(key): value for key, value in entry.items() if key not in _STAGE_WORDS}
     params: Params | None = None
     try:
         params = stage.params.model_validate(given, context=context)
     except ValidationError as error:
         faults.extend(
-            draft.fault((*path, *detail["loc"]), bare.says(parameter_fault(detail, stage)))
+            draft.fault((*path, *detail["loc"]), bare.prefix(parameter_fault(detail, stage)))
             for detail in error.errors(include_url=False)
         )
     slot, sources = entry.get("as", stage.writes), entry.get("from") or {}
@@ -225,20 +225,20 @@ def _read_stage(draft: Draft, index: int, entry: object, context: Mapping[str, A
 def _word_faults(entry: dict[Any, Any], stage: Stage) -> Iterator[tuple[str, str]]:
     slot = entry.get("as", stage.writes)
     if not (isinstance(slot, str) and _SLOT.fullmatch(slot)):
-        yield "as", f"as: a slot is named by lower-case letters, digits and underscores, got {slot!r}"
+        yield "as", f"as: must be lower-case letters, digits and underscores, got {slot!r}"
     sources = entry.get("from") or {}
     if not isinstance(sources, dict):
-        yield "from", f"from: must map what the stage reads to slots, got {sources!r}"
+        yield "from", f"from: must map the stage's inputs to slots, got {sources!r}"
         return
     for argument in sources:
         if argument not in stage.reads:
-            yield "from", f"from: the stage reads no {argument!r}{did_you_mean(str(argument), stage.reads)}"
+            yield "from", f"from: the stage has no input {argument!r}{did_you_mean(str(argument), stage.reads)}"
 
 
 def _apply_settings(
     values: dict[Any, Any], settings: Sequence[Setting]
 ) -> tuple[list[Fault], dict[yaml_source.Path, Setting]]:
-    """Write each setting into `values`; return the faults and which paths were written by which setting."""
+    """Write each setting into `values`; return the faults and the setting of each path that was written."""
     faults, overrides = [], {}
     for setting in settings:
         try:
@@ -252,7 +252,7 @@ def _apply_settings(
 
 
 def _setting_path(values: dict[Any, Any], setting: Setting) -> yaml_source.Path:
-    """Return where in `values` the setting's target stands; raises `LookupError` where there is no such place."""
+    """Return the path of the setting's target in `values`; raises `LookupError` if there is no such place."""
     target = setting.target
     if target in {"name", "seed"}:
         return (target,)
@@ -271,12 +271,12 @@ def _setting_path(values: dict[Any, Any], setting: Setting) -> yaml_source.Path:
         known = [str(entry["use"]) for entry in entries if "use" in entry]
         raise LookupError(f"the config has no stage {head!r}{did_you_mean(head, known)}")
     if len(matches) > 1:
-        raise LookupError(f"{head!r} stands {len(matches)} times; write stages.{matches[0]}.{rest} for the first")
+        raise LookupError(f"{head!r} occurs {len(matches)} times; write stages.{matches[0]}.{rest} for the first")
     return ("stages", matches[0], *rest.split("."))
 
 
 def target_fault(document: Document, setting: Setting) -> Fault | None:
-    """Return what is wrong with a setting's target, whatever its value: no such stage, or no such parameter."""
+    """Return the fault of a setting's target, whatever its value: no such stage, or no such parameter."""
     try:
         path = _setting_path(document.values, setting)
         use = document.values["stages"][path[1]]["use"] if len(path) > 1 else None
@@ -295,18 +295,18 @@ def _assign(values: Any, path: yaml_source.Path, setting: Setting) -> None:  # n
         elif isinstance(values, list) and isinstance(part, int):
             values = values[part]
         else:
-            raise _no_room(path[:depth], part)
+            raise _not_a_mapping(path[:depth], part)
     if not isinstance(values, dict):
-        raise _no_room(path[:-1], path[-1])
-    values[path[-1]] = _from_there(values, str(path[-1]), setting)
+        raise _not_a_mapping(path[:-1], path[-1])
+    values[path[-1]] = _resolve_value(values, str(path[-1]), setting)
 
 
-def _no_room(path: yaml_source.Path, part: str | int) -> LookupError:
-    return LookupError(f"{'.'.join(map(str, path))} holds a value, so that {part!r} cannot be set in it")
+def _not_a_mapping(path: yaml_source.Path, part: str | int) -> LookupError:
+    return LookupError(f"{'.'.join(map(str, path))} is a single value, so {part!r} cannot be set in it")
 
 
-def _from_there(entry: dict[Any, Any], key: str, setting: Setting) -> object:
-    """Return the setting's value; a file path as seen from the setting's folder, as a shell completes it."""
+def _resolve_value(entry: dict[Any, Any], key: str, setting: Setting) -> object:
+    """Return the setting's value; a file path is taken relative to the setting's folder, as a shell completes it."""
     value = setting.value
     if not isinstance(value, str):
         return _copy_tree(value)

@@ -1,4 +1,4 @@
-"""A draft and the stages' contracts to a plan: each slot written before it is read, with the right type.
+"""From a draft and the stages' contracts to a plan: each slot is written before it is read, with the right type.
 
 A stage that reads the slot it writes transforms it; any other slot is written once, or renamed with `as:`.
 """
@@ -20,7 +20,7 @@ from scaffold_pipeline.stages.seeds import derive_seed
 
 @dataclass(frozen=True)
 class Step:
-    """One stage of a plan: its parameters, the slot it writes and the slot behind each argument it reads."""
+    """One stage of a plan: its parameters, the slot it writes and the slot that each argument reads."""
 
     label: str
     stage: Stage
@@ -29,7 +29,7 @@ class Step:
     sources: Mapping[str, str]
 
     def resolved(self) -> dict[str, Any]:
-        """Return the entry of `stages:` that says the same with every default written out."""
+        """Return the equivalent entry of `stages:` with every default written out."""
         renamed = {argument: slot for argument, slot in self.sources.items() if slot != argument}
         return {
             "use": self.stage.name,
@@ -47,7 +47,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Plan:
-    """Steps that can run in their order."""
+    """Steps that can run in this order."""
 
     name: str
     seed: int
@@ -63,7 +63,7 @@ class Plan:
         return {"name": self.name, "seed": self.seed, "stages": [step.resolved() for step in self.steps]}
 
     def require_label(self, label: str, option: str) -> str:
-        """Return `label` if a step has it; raises `ConfigError` naming the nearest that does."""
+        """Return `label` if a step has it; raises `ConfigError` with the most similar label otherwise."""
         if label not in self.labels:
             message = f"the config has no stage {label!r}{did_you_mean(label, self.labels)}"
             raise ConfigError([Fault(0, 0, message, f"--{option} {label}")])
@@ -123,31 +123,34 @@ def _slot_faults(draft: Draft) -> Iterator[Fault]:
             message = _read_fault(entry, argument, slot, slots, draft)
             if message and (is_complete or slot in slots):
                 place = ("from", argument) if argument in entry.sources else ("use",)
-                yield draft.fault((*entry.path, *place), entry.says(message))
+                yield draft.fault((*entry.path, *place), entry.prefix(message))
         if entry.slot in slots and entry.slot not in sources.values():
             by = slots[entry.slot].by
-            message = f"writes slot {entry.slot!r}, which stages.{by.index} ({by.use}) has written; give it `as: NAME`"
+            message = (
+                f"writes slot {entry.slot!r}, which stages.{by.index} ({by.use}) writes too; rename it with `as: NAME`"
+            )
             place = ("use",) if entry.slot == entry.stage.writes else ("as",)
-            yield draft.fault((*entry.path, *place), entry.says(message))
-        if entry.slot in slots or entry.slot not in sources.values():  # what transforms a missing slot writes none
+            yield draft.fault((*entry.path, *place), entry.prefix(message))
+        if entry.slot in slots or entry.slot not in sources.values():  # a missing slot cannot be transformed
             slots[entry.slot] = _Written(entry.stage.output, entry)
 
 
 def _read_fault(entry: StageDraft, argument: str, slot: str, slots: Mapping[str, _Written], draft: Draft) -> str | None:
-    """Return what is wrong with one read of one entry, or None."""
+    """Return the fault of one read of one entry, or None."""
     read = entry.stage.reads[argument] if entry.stage else None
     if read is None or (slot not in slots and read.optional and argument not in entry.sources):
         return None
     if slot not in slots:
         later = [other for other in draft.stages[entry.index + 1 :] if other.slot == slot]
         if later:
-            return f"reads slot {slot!r}, which stages.{later[0].index} ({later[0].use}) writes only later; move it up"
+            by = later[0]
+            return f"reads slot {slot!r}, which stages.{by.index} ({by.use}) writes only later; move that stage up"
         return f"reads slot {slot!r}, which no stage before it writes; add one of: {', '.join(_writers(slot)) or '-'}"
     written = slots[slot]
     if not issubclass(written.type, read.type):
         got, by = written.type.__name__, written.by
         others = ", ".join(_writers(slot, read.type))
-        remedy = f"write it by one of: {others}, or leave this stage out" if others else "leave this stage out"
+        remedy = f"write it with one of: {others}, or leave this stage out" if others else "leave this stage out"
         return f"reads slot {slot!r} as {read.type.__name__}, but stages.{by.index} ({by.use}) writes a {got}; {remedy}"
     return None
 
@@ -159,7 +162,7 @@ def _writers(slot: str, kind: type[Artifact] = Artifact) -> list[str]:
         try:
             stage = load_stage(name)
         except StageDefinitionError:
-            continue  # a broken plug-in is named when it is used
+            continue  # a broken plug-in is reported only when it is used
         if stage.writes == slot and slot not in stage.reads and issubclass(stage.output, kind):
             writers.append(name)
     return writers

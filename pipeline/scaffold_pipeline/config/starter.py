@@ -1,4 +1,4 @@
-"""The example configs that come with the project, as starting points of one's own."""
+"""The example configs that come with the project, to start a new config from."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _SCHEMA_LINE = "# yaml-language-server: $schema=schema.json\n"
 
 
 def examples() -> dict[str, Path]:
-    """Return the example configs by name: inside an installed package, or the checkout's own folder."""
+    """Return the example configs by name: those of the installed package, or the checkout's folder `configs`."""
     installed = Path(__file__).parents[1] / "examples"
     folder = installed if installed.is_dir() else Path(__file__).parents[3] / "configs"
     return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
@@ -21,17 +21,17 @@ def examples() -> dict[str, Path]:
 def write_example(folder: Path, name: str) -> Path:
     """Write the example `name` as `folder/config.yaml`, with its mesh and the schema for editors; return the path.
 
-    Raises `ConfigError` for an unknown example, and where one of the files is there already.
+    Raises `ConfigError` for an unknown example, and if one of the files exists already.
     """
     known = examples()
     if name not in known:
         raise ConfigError([Fault(0, 0, f"no example is called {name!r}{did_you_mean(name, known)}", "--example")])
     target, schema = folder / "config.yaml", folder / "schema.json"
-    rule = "is there already; choose another folder, or remove it first"
+    rule = "exists already; choose another folder, or remove it first"
     inputs = {path: folder / path.name for path in known[name].parent.glob(f"{name}.msh")}
-    there = [Fault(0, 0, rule, str(path)) for path in (target, schema, *inputs.values()) if path.exists()]
-    if there:
-        raise ConfigError(there)
+    existing = [Fault(0, 0, rule, str(path)) for path in (target, schema, *inputs.values()) if path.exists()]
+    if existing:
+        raise ConfigError(existing)
     folder.mkdir(parents=True, exist_ok=True)
     schema.write_text(json.dumps(config_schema(), indent=2) + "\n", encoding="utf-8")
     for source, copy in inputs.items():

@@ -1,6 +1,6 @@
-"""YAML text to plain values and the place of every one of them.
+"""From YAML text to plain values and the place of each.
 
-ruamel.yaml reads YAML 1.2: `12:30` is text and a repeated key is seen, where other readers take the last.
+ruamel.yaml reads YAML 1.2: `12:30` is text. Repeated keys are found here; other readers take the last one silently.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from ruamel.yaml.reader import ReaderError
 from scaffold_pipeline.errors import ConfigError, Fault
 
 Path: TypeAlias = tuple[str | int, ...]
-"""Where a value stands in its document: ("stages", 2, "amount")."""
+"""The place of a value in its document: ("stages", 2, "amount")."""
 
 FIRST_PLACE = (1, 1)
 
 _MOST_VALUES = 100_000
-"""More than any config holds: aliases of aliases can unfold to any number."""
+"""More than any config has: aliases of aliases can expand to any number."""
 
 
 @dataclass(frozen=True)
 class Document:
-    """A parsed file: its values, where each value and key stands (line and column from 1), and repeated keys.
+    """A parsed file: its values, the place of each value and key (line and column from 1), and repeated keys.
 
-    `comment` is what its first lines say, in one line. Without a `source` it was made in Python, and has no places.
+    `comment` is the comment at its beginning, in one line. A config made in Python has no `source` and no places.
     """
 
     source: str
@@ -40,7 +40,7 @@ class Document:
     comment: str = ""
 
     def fault(self, path: Path, message: str) -> Fault:
-        """Return a fault at `path`, or at the nearest thing around it that stands in the file."""
+        """Return a fault at `path`, or at the innermost value around it that is in the file."""
         if not self.source:
             return Fault(0, 0, message)
         while path and path not in self.places:
@@ -50,7 +50,7 @@ class Document:
 
 
 def parse(text: str, source: str) -> Document:
-    """Parse one YAML document; raises `ConfigError` with the place where it is not YAML."""
+    """Parse one YAML document; raises `ConfigError` with the place of a syntax error."""
     places: dict[Path, tuple[int, int]] = {}
     repeated: list[Fault] = []
     try:
@@ -70,16 +70,16 @@ def parse(text: str, source: str) -> Document:
     except (YAMLError, ValueError) as error:
         raise _not_yaml(str(error).splitlines()[0], FIRST_PLACE, source) from error
     except RecursionError as error:
-        message = "an alias refers to what it stands in, or values are nested too deep; spell them out"
+        message = "an alias refers to a value that contains it, or values are nested too deeply; write them out"
         raise ConfigError([Fault(*FIRST_PLACE, message, source)]) from error
     return Document(source, values, places, tuple(repeated), _leading_comment(text))
 
 
 def _leading_comment(text: str) -> str:
-    """Return the comment that `text` begins with as one line, without the line that tells editors of a schema."""
+    """Return the comment at the beginning of `text` as one line, without the schema line for editors."""
     lines = takewhile(lambda line: line.startswith("#"), text.splitlines())
-    said = (line.lstrip("#").strip() for line in lines)
-    return " ".join(line for line in said if line and not line.startswith("yaml-language-server:"))
+    texts = (line.lstrip("#").strip() for line in lines)
+    return " ".join(line for line in texts if line and not line.startswith("yaml-language-server:"))
 
 
 def _not_yaml(problem: object, place: tuple[int, int], source: str) -> ConfigError:
@@ -87,10 +87,10 @@ def _not_yaml(problem: object, place: tuple[int, int], source: str) -> ConfigErr
 
 
 def parse_scalar(text: str) -> Any:  # noqa: ANN401 - YAML decides the type
-    """Return the value that `text` has in YAML; text that is not YAML stays text."""
+    """Return the value of `text` read as YAML; text that is not YAML stays text."""
     try:
         return YAML(typ="safe", pure=True).load(StringIO(text))
-    except (YAMLError, ValueError):  # the latter for what looks like a date and is none
+    except (YAMLError, ValueError):  # ValueError: it looks like a date, but is none
         return text
 
 
@@ -110,7 +110,8 @@ def _walk(
     if node is None:
         return
     if len(places) > _MOST_VALUES:
-        raise ConfigError([Fault(*FIRST_PLACE, f"holds more than {_MOST_VALUES} values, aliases unfolded", source)])
+        message = f"has more than {_MOST_VALUES} values with aliases expanded; use fewer aliases"
+        raise ConfigError([Fault(*FIRST_PLACE, message, source)])
     places.setdefault(path, (node.start_mark.line + 1, node.start_mark.column + 1))
     if isinstance(node, SequenceNode):
         for index, child in enumerate(node.value):

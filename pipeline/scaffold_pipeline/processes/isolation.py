@@ -1,7 +1,7 @@
-"""Call a function in a child process whose crash or hang is survived.
+"""Run a function in a child process, so that a crash or hang does not end the run.
 
-Native geometry libraries end the process, never return or take all memory on some inputs. The child gets arrays and
-scalars as a file, works in a temporary folder, and answers with a file; its death is one `StageError`.
+On some inputs native geometry libraries crash, hang or take all memory. The child reads arrays and scalars from a file,
+works in a temporary folder, and writes its result to a file; if it dies, the caller gets one `StageError`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scaffold_pipeline.errors import MemoryShortageError, PipelineError, StageEr
 from scaffold_pipeline.processes.memory import available_memory
 
 _OUT_OF_MEMORY = ("MemoryError", "bad_alloc")
-"""What Python and C++ say where an allocation fails."""
+"""Names of the errors of a failed allocation in Python and C++."""
 
 Arrays = dict[str, NDArray[Any]]
 Scalars = dict[str, str | int | float | bool | None]
@@ -35,31 +35,31 @@ def call_in_child(
     """Return `function(**arrays, **scalars)`, computed in a child process within `seconds` and the free memory.
 
     `function` is a module's top-level function that takes arrays and scalars by keyword and returns arrays.
-    `about` names the input and the remedy in the error that the child's death, an exception, the time-out or
-    the want of memory becomes (`StageError`). Only Linux ends a child for its memory.
+    Raises `StageError` if the child crashes, raises an exception, exceeds the time or lacks memory; `about` gives the
+    input and the remedy for the message. Only Linux limits the memory of a child.
     """
     memory = available_memory()
-    with tempfile.TemporaryDirectory(prefix="scaffold-") as folder:
-        box = Path(folder)
-        np.savez(box / "request.npz", allow_pickle=False, **arrays)
+    with tempfile.TemporaryDirectory(prefix="scaffold-") as name:
+        folder = Path(name)
+        np.savez(folder / "request.npz", allow_pickle=False, **arrays)
         request = {"module": function.__module__, "function": function.__qualname__, "memory": memory}
-        (box / "request.json").write_text(json.dumps({**request, "scalars": scalars}), encoding="utf-8")
-        code = _run_child(box, seconds, about)
-        failure = box / "error.txt"
+        (folder / "request.json").write_text(json.dumps({**request, "scalars": scalars}), encoding="utf-8")
+        code = _run_child(folder, seconds, about)
+        failure = folder / "error.txt"
         if failure.exists():
             raise StageError(f"{failure.read_text(encoding='utf-8')}; {about}")
-        answer = box / "answer.npz"
+        answer = folder / "answer.npz"
         if code != 0 or not answer.exists():
-            kind, how = _death(code, box, memory)
-            raise kind(f"{request['module']} {how}; {about}")
+            kind, reason = _failure(code, folder, memory)
+            raise kind(f"{request['module']} {reason}; {about}")
         with np.load(answer, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored.files}
 
 
-def _run_child(box: Path, seconds: float, about: str) -> int:
-    command = [sys.executable, "-m", __name__, str(box)]
-    with (box / "output.txt").open("wb") as output:
-        child = subprocess.Popen(command, cwd=box, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
+def _run_child(folder: Path, seconds: float, about: str) -> int:
+    command = [sys.executable, "-m", __name__, str(folder)]
+    with (folder / "output.txt").open("wb") as output:
+        child = subprocess.Popen(command, cwd=folder, stdin=subprocess.DEVNULL, stdout=output, stderr=output)
         try:
             return child.wait(timeout=seconds)
         except subprocess.TimeoutExpired as error:
@@ -69,9 +69,9 @@ def _run_child(box: Path, seconds: float, about: str) -> int:
             child.wait()
 
 
-def _death(code: int, box: Path, memory: int) -> tuple[type[StageError], str]:
-    """Return the kind of error that the child's death is, and how it died."""
-    lines = (box / "output.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
+def _failure(code: int, folder: Path, memory: int) -> tuple[type[StageError], str]:
+    """Return the type of error for a child that died, and the reason in words."""
+    lines = (folder / "output.txt").read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = lines[-1].strip()[:200] if lines else ""
     if any(sign in line for line in lines for sign in _OUT_OF_MEMORY):
         return MemoryShortageError, f"needs more than the {memory / 2**30:.1f} GiB of memory that were free ({last})"
@@ -79,24 +79,24 @@ def _death(code: int, box: Path, memory: int) -> tuple[type[StageError], str]:
     return StageError, f"{ended} ({last})" if last else ended
 
 
-def _serve(box: Path) -> None:
-    """Do what the request in `box` asks for: the child's side."""
+def _serve(folder: Path) -> None:
+    """Run the request in `folder` and write the answer; this is the child process."""
     die_with_parent()
-    request = json.loads((box / "request.json").read_text(encoding="utf-8"))
+    request = json.loads((folder / "request.json").read_text(encoding="utf-8"))
     function = getattr(import_module(request["module"]), request["function"])
-    _use_at_most(request["memory"])
-    with np.load(box / "request.npz", allow_pickle=False) as stored:
+    _limit_memory(request["memory"])
+    with np.load(folder / "request.npz", allow_pickle=False) as stored:
         arrays = {name: stored[name] for name in stored.files}
     try:
         answer = function(**arrays, **request["scalars"])
     except PipelineError as error:
-        (box / "error.txt").write_text(str(error), encoding="utf-8")
+        (folder / "error.txt").write_text(str(error), encoding="utf-8")
     else:
-        np.savez(box / "answer.npz", allow_pickle=False, **answer)
+        np.savez(folder / "answer.npz", allow_pickle=False, **answer)
 
 
 def die_with_parent() -> None:
-    """Have Linux end this process when its parent is killed: native code can hang on for ever."""
+    """Have Linux end this process when its parent is killed: native code may never return."""
     if sys.platform == "linux":
         import ctypes
 
@@ -104,8 +104,8 @@ def die_with_parent() -> None:
         ctypes.CDLL(None).prctl(set_death_signal, signal.SIGKILL)
 
 
-def _use_at_most(memory: int) -> None:
-    """Let this process have so many bytes: an allocation that fails is better than a machine that swaps to death."""
+def _limit_memory(memory: int) -> None:
+    """Limit this process to `memory` bytes: a failed allocation is better than a machine that swaps."""
     if sys.platform == "linux":
         import resource
 

@@ -1,4 +1,4 @@
-"""Peak memory of a piece of work, and the memory that a machine has left."""
+"""Peak memory of a block of code, and the free memory of the machine."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _INTERVAL = 0.2
 
 
 def available_memory() -> int:
-    """Return the bytes that can be used now without swapping."""
+    """Return the free memory, bytes, that can be used without swapping."""
     return int(psutil.virtual_memory().available)
 
 
 class PeakMemory:
     """Measure the greatest resident memory, bytes, of this process and its children inside a `with` block.
 
-    A thread samples both five times a second. A child counts from the second sample that sees it: until it has started
-    its own program it shows its parent's memory, which would count twice. Where Linux keeps a high-water mark of this
-    process, that is read too, since native code that holds the interpreter's lock hides its peak from the thread.
+    A thread samples both five times a second. A child counts from its second sample on: until it has started its own
+    program it shows its parent's memory, which would count twice. Linux's high-water mark of this process is read too:
+    while native code holds the interpreter's lock, the thread takes no samples.
     """
 
     def __init__(self) -> None:
@@ -36,7 +36,7 @@ class PeakMemory:
         self._thread = Thread(target=self._sample, daemon=True)
 
     def __enter__(self) -> Self:
-        _give_back_freed()
+        _release_freed_memory()
         with suppress(OSError):
             _CLEAR.write_text("5")  # proc(5): resets VmHWM
             self._has_mark = True
@@ -46,7 +46,7 @@ class PeakMemory:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         self._stop.set()
         self._thread.join()
-        if self._has_mark:  # else the mark is that of all that ran before
+        if self._has_mark:  # otherwise the mark includes everything before this block
             self.peak = max(self.peak, _high_water_mark())
 
     def _sample(self) -> None:
@@ -60,9 +60,9 @@ class PeakMemory:
                 return
 
 
-def _give_back_freed() -> None:
-    """Give freed memory back to the system, which glibc keeps for the process: after a large run a GB and more."""
-    with suppress(AttributeError, OSError, TypeError):  # another C library, or another system
+def _release_freed_memory() -> None:
+    """Return freed memory to the system: glibc keeps it for the process, over a GB after a large run."""
+    with suppress(AttributeError, OSError, TypeError):  # not glibc, or not Linux
         ctypes.CDLL(None).malloc_trim(0)
 
 
@@ -79,7 +79,7 @@ def _children(process: psutil.Process) -> list[psutil.Process]:
 
 
 def _high_water_mark() -> int:
-    """Return the greatest resident memory of this process since the mark was reset, bytes; 0 where none is kept."""
+    """Return the greatest resident memory of this process since the mark was reset, bytes; 0 if the system has none."""
     with suppress(OSError, StopIteration, ValueError):
         line = next(line for line in _STATUS.read_text().splitlines() if line.startswith("VmHWM:"))
         return int(line.split()[1]) * 1024

@@ -1,4 +1,4 @@
-"""How many cores there are for this process, and how many threads its compiled code may use."""
+"""Number of cores for this process, and number of threads for its compiled code."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
-"""What compiled libraries ask when they are loaded, so that only processes started later follow a change."""
+"""Compiled libraries read them when they are loaded, so a change has effect only in processes started later."""
 
 _BLAS_VARIABLES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
 
 def use_one_blas_thread() -> None:
-    """Have BLAS, where it is not loaded yet, use one thread here and in children: its last digits depend on how many.
+    """Make BLAS, if it is not loaded yet, use one thread here and in child processes.
 
-    With two threads the exact field had other weights than with one.
+    The last digits of its results depend on the number of threads: with two, the exact field had different weights.
     """
     os.environ.update(dict.fromkeys(_BLAS_VARIABLES, "1"))
 
@@ -43,14 +43,14 @@ def core_count() -> int:
 
 
 def thread_count() -> int:
-    """Return the number of threads that compiled code shall use: `OMP_NUM_THREADS`, or one a core."""
+    """Return the number of threads for compiled code: `OMP_NUM_THREADS`, or one per core."""
     given = os.environ.get(THREAD_VARIABLES[0], "")
     return int(given) if given.isdecimal() and int(given) > 0 else core_count()
 
 
 @contextmanager
 def threads_of_children(count: int) -> Iterator[None]:
-    """Have the processes that are started, and the libraries that are loaded, in a `with` block use `count` threads."""
+    """Make processes started, and libraries loaded, inside a `with` block use `count` threads."""
     with _environment(dict.fromkeys(THREAD_VARIABLES, str(count))):
         yield
 

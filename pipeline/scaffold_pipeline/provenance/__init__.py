@@ -1,1 +1,1 @@
-"""What a run came from: verified again, compared with another, packed as an RO-Crate."""
+"""Provenance of runs: verification, comparison of two runs, and RO-Crates."""

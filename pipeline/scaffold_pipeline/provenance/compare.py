@@ -1,4 +1,4 @@
-"""Two runs side by side: what was asked of each, what came out, and what it came out of."""
+"""Comparison of two runs: their configs, inputs, metrics, artifacts, files and versions."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from scaffold_pipeline.study.table import read_json, to_cell
 _HASH = re.compile("[0-9a-f]{64}")
 
 _OF_THE_MACHINE = frozenset({"seconds", "peak_memory_bytes"})
-"""Metrics that differ from run to run of one config."""
+"""Metrics that differ between runs of one config."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """A value of both runs; None where a run has none."""
+    """A named value in run `a` and in run `b`; None where a run has none."""
 
     name: str
     a: object
@@ -30,12 +30,12 @@ class Line:
 
     @property
     def is_equal(self) -> bool:
-        """Whether both have the same."""
+        """Whether the two values are equal."""
         return self.a == self.b
 
 
 def compare_runs(first: Path, second: Path, *, show_all: bool = False) -> dict[str, list[Line]]:
-    """Return the lines of each section in which the runs in two folders differ, or all lines.
+    """Return, section by section, the values in which the runs in two folders differ, or all values if `show_all`.
 
     Raises `ConfigError` for a folder without the record of a finished run.
     """
@@ -47,15 +47,15 @@ def compare_runs(first: Path, second: Path, *, show_all: bool = False) -> dict[s
 
 
 def to_lines(compared: Mapping[str, list[Line]]) -> list[str]:
-    """Return a comparison as text: per section the name of each value and the value in both runs, hashes cut short."""
-    told = []
+    """Return a comparison as text: for each section the name of each value and both values, hashes shortened."""
+    text = []
     for section, lines in compared.items():
-        told.append(f"{section}:" if lines else f"{section}: no difference")
-        told += [f"  {line.name}: {_said(line.a)} | {_said(line.b)}" for line in lines]
-    return told
+        text.append(f"{section}:" if lines else f"{section}: no difference")
+        text += [f"  {line.name}: {_value_text(line.a)} | {_value_text(line.b)}" for line in lines]
+    return text
 
 
-def _said(value: object) -> str:
+def _value_text(value: object) -> str:
     text = to_cell(value)
     return text[:12] if _HASH.fullmatch(text) else text or NOTHING
 
@@ -80,17 +80,17 @@ def _sections(folder: Path) -> dict[str, dict[str, object]]:
             "versions": {**record["versions"], **record["platform"]},
         }
     except (KeyError, TypeError, AttributeError) as error:
-        rule = f"holds no {RECORD} of a finished run; name the directory of a run"
+        rule = f"contains no {RECORD} of a finished run; give the directory of a run"
         raise ConfigError([Fault(0, 0, rule, str(folder))]) from error
 
 
 def _config(record: Mapping[str, Any]) -> dict[str, object]:
     """Return the seed, the order of the stages and all their parameters, named as for `--set`."""
-    found: dict[str, object] = {
+    values: dict[str, object] = {
         "seed": record["seed"],
         "stages": [stage["label"] for stage in record["stages"]],
     }
     for stage in record["stages"]:
         parameters = {"use": stage["stage"], **stage["parameters"]}
-        found |= {f"{stage['label']}.{name}": value for name, value in parameters.items()}
-    return found
+        values |= {f"{stage['label']}.{name}": value for name, value in parameters.items()}
+    return values

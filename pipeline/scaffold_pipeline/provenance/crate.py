@@ -1,4 +1,4 @@
-"""A finished run or study as an RO-Crate: a ZIP file with its files, and how they were made in JSON-LD.
+"""A finished run or study as an RO-Crate: a ZIP file of its files, with their origin described in JSON-LD.
 
 Soiland-Reyes et al., "Packaging research artefacts with RO-Crate", Data Science 5 (2022).
 """
@@ -28,25 +28,25 @@ _VERSION = "1.3"
 _PROGRAM = "scaffold-pipeline"
 
 _FORMATS = {".yaml": "application/yaml", ".3mf": "model/3mf"}
-"""Media types that Python may not know."""
+"""Media types that Python's `mimetypes` may lack."""
 
 _DESCRIPTIONS = {
     "config.yaml": "The configuration, with every default written out",
-    "measures.json": "Distributions, curves and places of what was measured",
-    "metrics.json": "What was measured",
+    "measures.json": "Measured distributions, curves and places",
+    "metrics.json": "Measured values",
     "report.html": "The result on one page",
     RECORD: "The record: seeds, versions, and the hash of every input, result and file",
     STUDY_RECORD: "The record of the study: what varied, and the state of each point",
-    TABLE: "One row a point: what varied, and all metrics",
+    TABLE: "One row per point: the varied parameters and all metrics",
 }
 
 
 def write_crate(folder: Path, target: Path, licence: str) -> int:
     """Write the run or study in `folder` into the ZIP file `target`; return the number of its files.
 
-    Of a study only the points that are done are taken. Of a run's store there is what cannot be repeated, so that
-    `verify` finds it. `licence` is the URL of one. Who made it is not known here: the crate names nobody.
-    Raises `PipelineError` where there is no finished run, or a file is not the one that its record names.
+    Only the finished points of a study are packed. Results that are not deterministic are added from the run's store,
+    because `verify` needs them. `licence` is a URL. The crate names no authors: they are not known here.
+    Raises `PipelineError` if there is no finished run, or a file differs from its record.
     """
     try:
         from rocrate.rocrate import ROCrate
@@ -78,12 +78,12 @@ def _runs(folder: Path, study: Mapping[str, Any]) -> list[Path]:
         return [folder]
     done = [folder / "points" / point["name"] for point in study["points"] if point["status"] == "done"]
     if not done:
-        raise PipelineError(f"{folder}: none of the study's points is done; run the study first")
+        raise PipelineError(f"{folder}: no point of the study is finished; run the study first")
     return done
 
 
 def _add_software(crate: ROCrate, versions: Mapping[str, str]) -> Entity:
-    """Add each distribution with its version and package URL; return the one that called all the others."""
+    """Add each distribution with its version and package URL; return that of this program."""
     for name, version in versions.items():
         facts = {"name": name, "version": version, "url": f"pkg:pypi/{name}@{version}"}
         crate.add_jsonld({"@id": f"#{name}", "@type": "SoftwareApplication", **facts})
@@ -93,7 +93,7 @@ def _add_software(crate: ROCrate, versions: Mapping[str, str]) -> Entity:
 
 
 def _add_run(crate: ROCrate, root: Path, folder: Path, software: Entity) -> Entity:
-    """Add the files of a run and what made them; return that."""
+    """Add the files of a run and the action that made them; return the action."""
     record = read_record(folder)
     require_files(folder, record)
     files = {folder / name: facts["sha256"] for name, facts in record["files"].items()}
@@ -111,19 +111,19 @@ def _add_run(crate: ROCrate, root: Path, folder: Path, software: Entity) -> Enti
 
 
 def _add_files(crate: ROCrate, root: Path, files: Mapping[Path, str]) -> dict[str, Entity]:
-    """Add files with their hashes; return them by their names."""
+    """Add files with their hashes; return them by name."""
     added = {}
     for path, digest in files.items():
         kind = _FORMATS.get(path.suffix) or mimetypes.guess_type(path)[0] or "application/octet-stream"
-        told = _DESCRIPTIONS.get(path.name, "What a stage wrote")
-        facts = {"name": path.name, "description": told, "encodingFormat": kind, "sha256": digest}
+        description = _DESCRIPTIONS.get(path.name, "Written by a stage")
+        facts = {"name": path.name, "description": description, "encodingFormat": kind, "sha256": digest}
         facts["contentSize"] = str(path.stat().st_size)
         added[path.name] = crate.add_file(path, path.relative_to(root).as_posix(), properties=facts)
     return added
 
 
 def _unrepeatable_files(folder: Path, record: Mapping[str, Any]) -> Iterator[Path]:
-    """Yield the files of the run's store with what cannot be repeated."""
+    """Yield the stored files of the stages that are not deterministic."""
     store = Store(folder / STORE)
     for stage in record["stages"]:
         if not load_stage(stage["stage"]).is_repeatable:

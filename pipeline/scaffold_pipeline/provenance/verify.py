@@ -1,6 +1,6 @@
-"""A finished run made again, beside its record: every result has its hash of then, or the first that has not is told.
+"""Repeat a finished run and compare the hash of every result with the record, up to the first difference.
 
-What a library cannot repeat is taken from the run's store; all else is computed anew, in a folder of its own.
+Results that are not deterministic are taken from the run's store; all others are computed again in a temporary folder.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scaffold_pipeline.run.store import DamagedStoreError, Store, hash_file
 
 @dataclass(frozen=True)
 class Difference:
-    """The first result that is another: the `output` or a file of the stage with that label; a hash may be missing."""
+    """The first result that differs: `what` is `output` or a file of the stage `label`; a missing hash is None."""
 
     label: str
     what: str
@@ -33,10 +33,10 @@ class Difference:
 
 @dataclass(frozen=True)
 class Verification:
-    """How much of a run agrees with its record, and the first thing that does not.
+    """The number of stages and files that agree with the record, and the first difference.
 
-    `stored` are the labels of what cannot be repeated and was taken as it is stored; `versions` are those of then and
-    now where they differ, by name.
+    `stored` are the labels of stages that are not deterministic, whose results were taken from the store; `versions`
+    are the recorded and the present version of each library where they differ, by name.
     """
 
     stages: int
@@ -55,30 +55,30 @@ class _DifferenceError(Exception):
 
 
 def verify_run(folder: Path, progress: Progress | None = None) -> Verification:
-    """Run again what the record in `folder` says and compare the hash of every stage's output and files in order.
+    """Repeat the run in `folder` and compare the hash of every stage's output and files, in order.
 
-    Ends at the first that differs. Raises `PipelineError` where there is nothing to compare with: no record, a file
-    that was changed since, or a stored result that is gone.
+    Stops at the first difference. Raises `PipelineError` if there is nothing to compare with: no record, a file that
+    was changed since, or a stored result that is missing.
     """
     record = read_record(folder)
     require_files(folder, record)
     plan = make_plan(read_draft(folder / "config.yaml"))
     stages = {stage["label"]: stage for stage in record["stages"]}
     if list(stages) != plan.labels:
-        raise PipelineError(f"{folder / RECORD}: has other stages than config.yaml; run the config again")
+        raise PipelineError(f"{folder / RECORD}: its stages differ from those of config.yaml; run the config again")
     for step in plan.steps:
         _require_inputs(step, stages[step.label])
     agreed: dict[str, int] = {}
 
-    def compare(found: StepRecord) -> None:
-        told.finished(found)
-        agreed[found.label] = _files_that_agree(found, stages[found.label])
+    def compare(repeated: StepRecord) -> None:
+        shown.finished(repeated)
+        agreed[repeated.label] = _require_equal_results(repeated, stages[repeated.label])
 
-    told, difference = progress or Progress(), None
+    shown, difference = progress or Progress(), None
     with TemporaryDirectory(prefix="scaffold-verify-") as scratch:
         stored = _copy_unrepeatable(plan, stages, Store(folder / STORE), Store(Path(scratch, STORE)))
         try:
-            execute(plan, Path(scratch), progress=replace(told, finished=compare))
+            execute(plan, Path(scratch), progress=replace(shown, finished=compare))
         except _DifferenceError as error:
             difference = error.difference
     versions = _changed_versions(record, [step.stage.name for step in plan.steps])
@@ -86,32 +86,32 @@ def verify_run(folder: Path, progress: Progress | None = None) -> Verification:
 
 
 def require_files(folder: Path, record: Mapping[str, Any]) -> None:
-    """Require that the files in `folder` are those that its record names."""
+    """Require that the files in `folder` have the recorded hashes."""
     for name, facts in record["files"].items():
         path = folder / name
-        found = hash_file(path) if path.is_file() else None
-        if found != facts["sha256"]:
+        digest = hash_file(path) if path.is_file() else None
+        if digest != facts["sha256"]:
             raise PipelineError(
-                f"{path}: {_difference_message('is not the file that the run wrote', facts['sha256'], found)}"
+                f"{path}: {_difference_message('is not the file that the run wrote', facts['sha256'], digest)}"
             )
 
 
 def _require_inputs(step: Step, recorded: Mapping[str, Any]) -> None:
-    """Require that the input files of a step are those that its record names."""
+    """Require that the input files of a step have the recorded hashes."""
     for name, digest in input_files(step).items():
         earlier = recorded["input_files"].get(name)
         if digest != earlier:
             rule = f"{step.label}: {name}: {getattr(step.params, name)} was changed since the run"
-            raise PipelineError(f"{_difference_message(rule, earlier, digest)}; put the file back that was used")
+            raise PipelineError(f"{_difference_message(rule, earlier, digest)}; put the original file back")
 
 
 def _difference_message(rule: str, recorded: str | None, found: str | None) -> str:
-    """Return a line that says how two hashes differ."""
+    """Return `rule` with the two hashes, shortened."""
     return f"{rule}: recorded {(recorded or 'nothing')[:12]}, found {(found or 'nothing')[:12]}"
 
 
 def _copy_unrepeatable(plan: Plan, stages: Mapping[str, Any], source: Store, target: Store) -> tuple[str, ...]:
-    """Let `target` have what cannot be repeated, under the keys of today; return the labels."""
+    """Copy the results that are not deterministic to `target`, under their present keys; return their labels."""
     target.make_folders()
     fixed = [step for step in plan.steps if not step.stage.is_repeatable]
     for step in fixed:
@@ -122,29 +122,31 @@ def _copy_unrepeatable(plan: Plan, stages: Mapping[str, Any], source: Store, tar
                 source.require_whole(result)
                 source.share(recorded["key"], target)
         except DamagedStoreError as error:
-            raise PipelineError(f"{step.label}: cannot be repeated, and what it gave is damaged: {error}") from error
+            raise PipelineError(
+                f"{step.label}: is not deterministic, and its stored result is damaged: {error}"
+            ) from error
         if result is None:
-            rule = f"cannot be repeated, and what it gave is no longer in {source.root}"
-            raise PipelineError(f"{step.label}: {rule}; run the config again and verify that")
-        key = step_key(plan, step, recorded["inputs"])  # another one where libraries are of other versions
+            rule = f"is not deterministic, and its result is no longer in {source.root}"
+            raise PipelineError(f"{step.label}: {rule}; run the config again and verify the new run")
+        key = step_key(plan, step, recorded["inputs"])  # differs from the recorded key if versions of libraries do
         target.save_result(key, {**result, "key": key})
     return tuple(step.label for step in fixed)
 
 
-def _files_that_agree(found: StepRecord, recorded: Mapping[str, Any]) -> int:
-    """Return the number of the step's files; raises `_DifferenceError` at the first result that is another."""
+def _require_equal_results(repeated: StepRecord, recorded: Mapping[str, Any]) -> int:
+    """Return the number of the step's files; raises `_DifferenceError` at the first result that differs."""
     files: Mapping[str, str] = recorded["files"]
-    pairs: dict[str, tuple[str | None, str | None]] = {"output": (recorded["output"], found.output)}
-    pairs |= {name: (files.get(name), found.files.get(name)) for name in sorted({*files, *found.files})}
+    pairs: dict[str, tuple[str | None, str | None]] = {"output": (recorded["output"], repeated.output)}
+    pairs |= {name: (files.get(name), repeated.files.get(name)) for name in sorted({*files, *repeated.files})}
     for what, (earlier, now) in pairs.items():
         if earlier != now:
-            raise _DifferenceError(Difference(found.label, what, earlier, now))
+            raise _DifferenceError(Difference(repeated.label, what, earlier, now))
     return len(files)
 
 
 def _changed_versions(record: Mapping[str, Any], stages: Collection[str]) -> dict[str, tuple[str | None, str | None]]:
     present = environment(stages)
     earlier: dict[str, str] = {"python": record["platform"].get("python"), **record["versions"]}
-    found: dict[str, str] = {"python": present["platform"]["python"], **present["versions"]}
-    both = {name: (earlier.get(name), found.get(name)) for name in sorted({*earlier, *found})}
+    current: dict[str, str] = {"python": present["platform"]["python"], **present["versions"]}
+    both = {name: (earlier.get(name), current.get(name)) for name in sorted({*earlier, *current})}
     return {name: (then, now) for name, (then, now) in both.items() if then != now}

@@ -1,8 +1,8 @@
-"""Results of stages that runs share: a store that many processes read and write at a time.
+"""A cache of stage results that runs share: a store that many processes can read and write at the same time.
 
-A run keeps what it needs in a store of its own; a cache gives it what another run has made for the same key, and takes
-what it makes, as hard links where both are on one disk. So a run never depends on its cache: where that is damaged,
-full, read-only or gone, the stage is run.
+A run keeps its results in a store of its own. It takes results with the same key from the cache and adds its own, as
+hard links if both are on one disk. A run never depends on its cache: if that is damaged, full, read-only or missing,
+the stage is run.
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from scaffold_pipeline.errors import ConfigError, Fault
 from scaffold_pipeline.run.store import DamagedStoreError, Store
 
 FOLDER_VARIABLE = "SCAFFOLD_PIPELINE_CACHE"
-"""Environment variable that names the cache of every run and study."""
+"""Environment variable with the folder of the cache for every run and study."""
 
 LIMIT_VARIABLE = "SCAFFOLD_PIPELINE_CACHE_LIMIT"
-"""Environment variable with the size that such a cache is kept below."""
+"""Environment variable with the size limit of that cache."""
 
 DEFAULT_LIMIT = "20 GB"
 
 _ORPHAN_AGE = 3600.0
-"""Seconds after which something that no result needs is no longer part of one that is just being stored."""
+"""Seconds after which a file that no result needs is deleted: a newer one may belong to a result being stored."""
 
 _UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 _SIZE = re.compile(r"(\d+(?:\.\d+)?)\s*([KMGT]?B)", re.IGNORECASE)
@@ -41,7 +41,7 @@ Written = TypeVar("Written")
 
 @dataclass(frozen=True)
 class Entry:
-    """One result in a cache: the bytes of each of its files, and when it was `used` last, seconds since 1970."""
+    """One result in a cache: the bytes of each of its files, and the time of its last use, seconds since 1970."""
 
     key: str
     stage: str
@@ -52,7 +52,7 @@ class Entry:
 
 
 def parse_size(text: str, source: str) -> int:
-    """Return the bytes that a text like `20 GB` says; raises `ConfigError`, which names `source`, for another.
+    """Return the number of bytes in a text such as `20 GB`; raises `ConfigError` at `source` for any other text.
 
     >>> [parse_size(text, "--keep") for text in ("0B", "1.5 kB", "20GB")]
     [0, 1500, 20000000000]
@@ -73,7 +73,7 @@ def choose_cache(folder: str | Path | None) -> Cache | None:
 
 
 class Cache:
-    """The folder of a cache, made when something is first stored, and the bytes that `prune` leaves in it."""
+    """A cache in the folder `root`, created with the first result; `prune` keeps at most `limit` bytes."""
 
     def __init__(self, root: Path, limit: int | None = None) -> None:
         self.root = root
@@ -81,9 +81,9 @@ class Cache:
         self.store = Store(root)
 
     def lock(self, key: str) -> FileLock:
-        """Wait until no other process works on `key`, and return the lock to release; the system does it for the dead.
+        """Wait until no other process works on `key`, and return its lock; the system releases those of dead processes.
 
-        Raises `OSError` or `NotImplementedError` where the folder cannot be written or knows no locks.
+        Raises `OSError` or `NotImplementedError` if the folder is read-only or does not support locks.
         """
         lock = self._lock(key)
         lock.parent.mkdir(parents=True, exist_ok=True)
@@ -92,9 +92,9 @@ class Cache:
         return held
 
     def fetch(self, key: str, store: Store) -> bool:
-        """Let `store` have the result of `key`; return whether there is one.
+        """Copy the result of `key` to `store`; return whether there is one.
 
-        Raises `DamagedStoreError` where it is not whole, and forgets it.
+        A damaged result is deleted and raises `DamagedStoreError`.
         """
         try:
             result = self.store.result(key)
@@ -111,28 +111,28 @@ class Cache:
         return True
 
     def publish(self, key: str, store: Store) -> None:
-        """Have the result of `key` that `store` has; raises `OSError` where the folder cannot be written."""
+        """Add the result of `key` in `store` to the cache; raises `OSError` if the folder cannot be written."""
         self.store.make_folders()
         store.share(key, self.store)
 
     def entries(self) -> list[Entry]:
-        """Return what is stored, last used first."""
-        found = []
+        """Return all results, the most recently used first."""
+        entries = []
         for key in self.store.stored_keys():
             with suppress(DamagedStoreError, OSError):
                 result = self.store.result(key)
                 if result is not None:
                     files = {path: path.stat().st_size for path in self.store.paths(key, result)}
                     used = self.store.path("results", key).stat().st_mtime
-                    found.append(Entry(key, result["stage"], result["version"], result["seconds"], files, used))
-        return sorted(found, key=lambda entry: entry.used, reverse=True)
+                    entries.append(Entry(key, result["stage"], result["version"], result["seconds"], files, used))
+        return sorted(entries, key=lambda entry: entry.used, reverse=True)
 
     def size(self) -> int:
-        """Return the bytes of all results."""
+        """Return the size of all results, bytes."""
         return sum(_size(path) for path in self.store.root.rglob("*"))
 
     def prune(self, limit: int | None = None) -> int:
-        """Drop what was used longest ago until `limit` bytes are left at most; return the bytes that were freed."""
+        """Delete the least recently used results until at most `limit` bytes are left; return the bytes freed."""
         limit = self.limit if limit is None else limit
         if limit is None or not self.root.is_dir():
             return 0
@@ -156,7 +156,7 @@ class Cache:
 
 
 class CacheClient:
-    """One run's side of a cache, or of none: what is wrong with it is told by `warn`, and the run goes on without."""
+    """One run's access to a cache, or to none: faults of the cache are passed to `warn`, and the run continues."""
 
     def __init__(self, cache: Cache | None, store: Store, warn: Callable[[str], None]) -> None:
         self._cache = cache
@@ -166,7 +166,7 @@ class CacheClient:
 
     @contextmanager
     def lock(self, key: str) -> Iterator[None]:
-        """Let one run at a time work on `key`, as far as the cache can be written."""
+        """Let only one run at a time work on `key`, if the cache can be written."""
         lock = self._attempt(lambda cache: cache.lock(key))
         try:
             yield
@@ -175,7 +175,7 @@ class CacheClient:
                 lock.release()
 
     def fetch(self, key: str) -> bool:
-        """Let the run's store have the cache's result of `key`; return whether there was a whole one."""
+        """Copy the cache's result of `key` to the run's store; return whether there was an undamaged one."""
         if self._cache is None:
             return False
         try:
@@ -185,11 +185,11 @@ class CacheClient:
             return False
 
     def publish(self, key: str) -> None:
-        """Let the cache have the result of `key` that is in the run's store."""
+        """Add the result of `key` in the run's store to the cache."""
         self._attempt(lambda cache: cache.publish(key, self._store))
 
     def _attempt(self, write: Callable[[Cache], Written]) -> Written | None:
-        """Return what `write` does to the cache, or None without one and from its first failure on."""
+        """Return `write(cache)`; None without a cache, and after its first failure."""
         if self._cache is None or not self._may_write:
             return None
         try:

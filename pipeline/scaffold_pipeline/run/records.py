@@ -1,4 +1,4 @@
-"""What is kept of a step, and the key that it is kept by."""
+"""The record of a step, and the key under which its result is stored."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scaffold_pipeline.stages.contract import InputFileMark
 
 @dataclass(frozen=True)
 class StepRecord:
-    """What is kept of one step: enough to know what it did, from what, with what result."""
+    """The record of one step: its stage and parameters, its inputs and its results."""
 
     label: str
     stage: str
@@ -36,7 +36,7 @@ class StepRecord:
 
 
 def step_key(plan: Plan, step: Step, inputs: Mapping[str, str]) -> str:
-    """Return the hash of all that the result of `step` comes from, `inputs` being the hash behind each argument."""
+    """Return the hash of everything the result of `step` depends on; `inputs` are the hashes of its arguments."""
     files = input_files(step)
     parameters = {name: value for name, value in step.params.model_dump(mode="json").items() if name not in files}
     return hash_json(
@@ -56,7 +56,7 @@ def step_key(plan: Plan, step: Step, inputs: Mapping[str, str]) -> str:
 
 
 def recipes(plan: Plan) -> dict[str, str]:
-    """Return for each label a hash of all that its result comes from, back to the inputs: known before anything ran."""
+    """Return for each label the hash of everything its result depends on, back to the input files, before any run."""
     known: dict[str, str] = {}
     hashes: dict[str, str] = {}
     for step in plan.steps:
@@ -66,12 +66,12 @@ def recipes(plan: Plan) -> dict[str, str]:
 
 
 def config_hash(plan: Plan) -> str:
-    """Return the hash of what `plan` asks for: equal on every machine where the input files are equal."""
+    """Return the hash of the configuration in `plan`: equal on all machines with equal input files."""
     steps = [{**step.resolved(), **input_files(step)} for step in plan.steps]
     return hash_json({"seed": plan.seed, "stages": steps})
 
 
 def input_files(step: Step) -> dict[str, str]:
-    """Return the hash of each file that the step's parameters name."""
+    """Return the hash of each input file among the step's parameters."""
     paths = {name: getattr(step.params, name) for name in step.params.marked(InputFileMark)}
     return {name: hash_input(path) for name, path in paths.items() if path is not None}

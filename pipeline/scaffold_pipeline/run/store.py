@@ -2,8 +2,8 @@
 
     arrays/HASH.npy   artifacts/HASH.json   files/HASH   results/KEY.json
 
-An artifact is a JSON manifest of its facts and of the hashes of its arrays; a result says which artifact and
-files a stage gave for one key. Everything is written to a temporary name and renamed, and hashed when read.
+An artifact is a JSON manifest of its values and the hashes of its arrays; a result lists the artifact and the files
+that a stage made for one key. Everything is written under a temporary name and renamed, and hashed when read.
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.errors import PipelineError
 
 OUT_PREFIX = ".out-"
-"""Begin of the names of the folders that stages write their files to."""
+"""Prefix of the folders that stages write their files to."""
 
 
 _KINDS = {"arrays": ".npy", "artifacts": ".json", "files": "", "results": ".json"}
-"""The folders of a store, and how the names of the files in them end."""
+"""The folders of a store, and the suffix of the files in each."""
 
 _SETTLED_AFTER = 2.0
-"""Seconds since its last change after which another change of a file gives it another time, even on FAT."""
+"""Seconds after the last change of a file: a later change has a different time stamp, even on FAT."""
 
 _INPUT_HASHES: dict[tuple[Path, int, int, int], str] = {}
 
 
 class DamagedStoreError(PipelineError):
-    """Something in the store is missing or no longer what its hash says."""
+    """Something in the store is missing, or does not have the recorded hash."""
 
 
 def canonical_json(value: object) -> str:
-    """Return the one JSON text of `value`: sorted keys, no spaces, no NaN."""
+    """Return the canonical JSON text of `value`: sorted keys, no spaces, no NaN."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
 
 
@@ -63,7 +63,7 @@ def hash_file(path: Path) -> str:
 
 
 def hash_input(path: Path) -> str:
-    """Return `hash_file` of an input that may be asked for thousands of times: read once while it is not changed."""
+    """Return `hash_file` of an input file; an unchanged file is read once, however often its hash is needed."""
     state = path.stat()
     seen = (path, state.st_ino, state.st_size, state.st_mtime_ns)
     is_settled = time.time() - state.st_mtime > _SETTLED_AFTER
@@ -76,7 +76,7 @@ def hash_input(path: Path) -> str:
 
 
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
-    """Let `write` fill a temporary file beside `path` and rename it: `path` is complete or as it was."""
+    """Let `write` fill a temporary file, then rename it to `path`: that is complete, or is not changed."""
     partial = path.with_name(f".partial-{uuid4().hex}")
     try:
         with partial.open("xb") as stream:
@@ -87,7 +87,7 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
 
 
 def _link(source: Path, target: Path) -> None:
-    """Make `target` the same file as `source`, or a copy of it where they are on two disks."""
+    """Make `target` a hard link to `source`, or a copy if they are on two disks."""
     partial = target.with_name(f".partial-{uuid4().hex}")
     try:
         try:
@@ -96,17 +96,17 @@ def _link(source: Path, target: Path) -> None:
             shutil.copyfile(source, partial)
         partial.replace(target)
     finally:
-        partial.unlink(missing_ok=True)  # it stays where both were the same file already
+        partial.unlink(missing_ok=True)  # renaming leaves it if both were the same file already
 
 
 class Store:
-    """The folder that holds a run's intermediate results."""
+    """The folder of a run's intermediate results."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
 
     def prepare(self) -> None:
-        """Make the store's folders and remove what a killed run left; only for whom the run directory is locked."""
+        """Make the store's folders and remove leftovers of a killed run; only while the run directory is locked."""
         self.make_folders()
         for leftover in self.root.glob(f"{OUT_PREFIX}*"):
             shutil.rmtree(leftover, ignore_errors=True)
@@ -128,14 +128,14 @@ class Store:
         return digest
 
     def load(self, digest: str) -> Artifact:
-        """Bring an artifact back; raises `DamagedStoreError` where it is not whole."""
+        """Load an artifact; raises `DamagedStoreError` if it is damaged."""
         manifest = self._read_manifest(digest)
         try:
             return self._restore(manifest)
         except DamagedStoreError:
             raise
-        except (ImportError, AttributeError, TypeError, PipelineError) as error:  # its type is another one by now
-            raise DamagedStoreError(f"stored artifact {digest[:12]} cannot be made again ({error})") from error
+        except (ImportError, AttributeError, TypeError, PipelineError) as error:  # its type has changed since
+            raise DamagedStoreError(f"stored artifact {digest[:12]} cannot be loaded ({error})") from error
 
     def save_file(self, path: Path) -> str:
         """Store a copy of a file and return its hash."""
@@ -145,15 +145,15 @@ class Store:
         return digest
 
     def copy_file(self, digest: str, target: Path) -> None:
-        """Write the stored file to `target`; raises `DamagedStoreError` where it is not whole."""
+        """Write the stored file to `target`; raises `DamagedStoreError` if it is damaged."""
         self._require_file(digest)
         shutil.copyfile(self.path("files", digest), target)
 
     def result(self, key: str) -> dict[str, Any] | None:
-        """Return what was stored for `key`, or None where nothing was.
+        """Return the result stored for `key`, or None.
 
-        Raises `DamagedStoreError` where it, its artifact or one of its files is not whole. Of arrays it is only
-        seen here whether they exist: they are hashed when they are loaded.
+        Raises `DamagedStoreError` if it, its artifact or one of its files is damaged. Arrays are only required to
+        exist: they are hashed when they are loaded.
         """
         path = self.path("results", key)
         if not path.exists():
@@ -174,12 +174,12 @@ class Store:
         return result
 
     def save_result(self, key: str, result: Mapping[str, Any]) -> None:
-        """Store what a stage gave for `key`: at least `output` and `files`, which are in the store already."""
+        """Store the result of a stage for `key`: at least `output` and `files`, which are in the store already."""
         text = canonical_json({"result": result, "sha256": hash_json(result)}).encode()
         write_atomically(self.path("results", key), lambda stream: stream.write(text))
 
     def forget(self, key: str) -> None:
-        """Drop the result of `key`."""
+        """Delete the result of `key`."""
         self.path("results", key).unlink(missing_ok=True)
 
     def stored_keys(self) -> list[str]:
@@ -187,18 +187,18 @@ class Store:
         return sorted(path.stem for path in (self.root / "results").glob("*.json"))
 
     def require_whole(self, result: Mapping[str, Any]) -> None:
-        """Hash the arrays of a result that `result` gave back, too; raises `DamagedStoreError` as it does."""
+        """Require that the arrays of a result have their hashes; raises `DamagedStoreError` if one is damaged."""
         for digest in _array_hashes(self._read_manifest(result["output"])):
             self._load_array(digest, mmap_mode="r")
 
     def share(self, key: str, other: Store) -> None:
-        """Let `other` have the result of `key` and all that it needs: as hard links where both are on one disk."""
+        """Copy the result of `key` and everything it needs to `other`: as hard links if both are on one disk."""
         result = self.result(key)
         for path in self.paths(key, result) if result else ():
             _link(path, other.root / path.relative_to(self.root))
 
     def paths(self, key: str, result: Mapping[str, Any]) -> list[Path]:
-        """Return the files of a result that `result` gave back for `key`, its own last."""
+        """Return the paths of everything that the `result` of `key` needs, its own file last."""
         arrays = _array_hashes(self._read_manifest(result["output"]))
         return [
             *(self.path("arrays", digest) for digest in dict.fromkeys(arrays)),
@@ -208,10 +208,10 @@ class Store:
         ]
 
     def keep_only(self, keys: Iterable[str], *, spare_newer_than: float = math.inf) -> None:
-        """Drop every result but those of `keys`, and all that only the dropped ones needed.
+        """Delete every result except those of `keys`, and all files that only the deleted ones needed.
 
-        What no result needs stays where it came after the time `spare_newer_than`, seconds since 1970: another process
-        may be about to store the result that does.
+        A file that no result needs is kept if it is newer than `spare_newer_than`, seconds since 1970: another process
+        may be storing the result that needs it.
         """
         kept = {key: result for key in keys if (result := self.result(key))}
         wanted = {path for key, result in kept.items() for path in self.paths(key, result)}
@@ -221,7 +221,7 @@ class Store:
                     path.unlink()
 
     def path(self, kind: str, digest: str) -> Path:
-        """Return where what is of `kind`, a folder's name, and has that hash or key lies."""
+        """Return the path of the entry with that hash or key in the folder `kind`."""
         return self.root / kind / f"{digest}{_KINDS[kind]}"
 
     def _read_manifest(self, digest: str) -> dict[str, Any]:
@@ -239,7 +239,7 @@ class Store:
             raise DamagedStoreError(f"stored file {digest[:12]} is missing or damaged")
 
     def _manifest(self, artifact: Artifact) -> dict[str, Any]:
-        """Store the arrays of `artifact` and return what is needed to make it again."""
+        """Store the arrays of `artifact` and return the manifest from which it can be loaded."""
         entries = {entry.name: self._entry(getattr(artifact, entry.name)) for entry in fields(artifact)}
         return {"type": _type_name(type(artifact)), "fields": entries}
 
@@ -278,7 +278,7 @@ class Store:
             values: NDArray[Any] = np.load(self.path("arrays", digest), mmap_mode=mmap_mode, allow_pickle=False)
         except MemoryError:
             raise
-        except Exception as error:  # a broken header can end numpy's reader in any way
+        except Exception as error:  # a broken header can make numpy raise any exception
             raise DamagedStoreError(f"stored array {digest[:12]} cannot be read") from error
         if hash_array(values) != digest:
             raise DamagedStoreError(f"stored array {digest[:12]} is not what was stored")
@@ -287,7 +287,7 @@ class Store:
 
 
 def first_result(stores: Iterable[Store], key: str) -> dict[str, Any] | None:
-    """Return what the first of `stores` that has it whole holds of `key`, or None."""
+    """Return the result of `key` from the first of `stores` that has it undamaged, or None."""
     for store in stores:
         with suppress(DamagedStoreError):
             stored = store.result(key)
@@ -297,7 +297,7 @@ def first_result(stores: Iterable[Store], key: str) -> dict[str, Any] | None:
 
 
 def _type_name(kind: type[Artifact]) -> str:
-    """Return the name that a stored value of `kind` is found by: its public one, which no move of a module changes."""
+    """Return the name under which `kind` is stored: its public one, which does not change if a module is moved."""
     is_public = getattr(artifacts, kind.__name__, None) is kind
     return f"{artifacts.__name__ if is_public else kind.__module__}:{kind.__qualname__}"
 

@@ -1,4 +1,4 @@
-"""What the installed stages are, take and tell: the stage list, the README's tables, the schema."""
+"""The installed stages, their parameters and metrics, from their contracts: stage list, README tables, JSON Schema."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scaffold_pipeline.stages.registry import installed_stages, load_stage
 
 
 def require_stage(name: str) -> Stage:
-    """Return the stage `name`; raises `ConfigError` with the nearest name where there is none."""
+    """Return the stage `name`; raises `ConfigError` with the most similar name if there is none."""
     try:
         return load_stage(name)
     except LookupError as error:
@@ -19,8 +19,8 @@ def require_stage(name: str) -> Stage:
 
 
 def describe(stage: Stage) -> str:
-    """Return all that a user must know of a stage: what it does, its slots, its parameters with unit and default."""
-    reads = ", ".join(f"{name}{' (if there)' if read.optional else ''}" for name, read in stage.reads.items())
+    """Return the description of a stage for users: purpose, slots, and parameters with units and defaults."""
+    reads = ", ".join(f"{name}{' (optional)' if read.optional else ''}" for name, read in stage.reads.items())
     lines = [stage.name, f"  {stage.summary}", f"  reads: {reads or '-'}", f"  writes: {stage.writes}", "  parameters:"]
     for name, text in describe_parameters(stage).items():
         lines += [f"    {name}: {text['type']}, {text['default']}", f"        {text['meaning']}"]
@@ -33,7 +33,7 @@ def describe(stage: Stage) -> str:
 
 
 def markdown_table() -> str:
-    """Return the table of stages that the README shows."""
+    """Return the table of stages for the README."""
     rows = ["| stage | does | reads | writes | parameters |", "|---|---|---|---|---|"]
     for stage in installed_stages():
         if isinstance(stage, Stage):
@@ -59,7 +59,7 @@ def metrics_table() -> str:
 
 
 def config_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a configuration with the stages installed now."""
+    """Return the JSON Schema of a configuration with the installed stages."""
     stages = [_stage_schema(stage) for stage in installed_stages() if isinstance(stage, Stage)]
     definitions = {name: body for schema in stages for name, body in schema.pop("$defs", {}).items()}
     return {
@@ -84,8 +84,8 @@ def _stage_schema(stage: Stage) -> dict[str, Any]:
         body["description"] = f"{body.get('description', '')} [{unit.name}]".strip()
     words = {
         "use": {"const": stage.name},
-        "as": {"type": "string", "description": f"Name of the slot written, instead of {stage.writes}."},
-        "from": {"type": "object", "description": f"Slots read instead of: {', '.join(stage.reads)}."},
+        "as": {"type": "string", "description": f"Slot to write, instead of {stage.writes}."},
+        "from": {"type": "object", "description": f"Slots to read, instead of: {', '.join(stage.reads)}."},
     }
     schema["properties"] = {**words, **schema.get("properties", {})}
     schema["required"] = ["use", *schema.get("required", [])]
@@ -96,18 +96,18 @@ def describe_parameters(stage: Stage) -> dict[str, dict[str, str]]:
     """Return for each parameter of a stage its `type` with the unit, its `default` and its `meaning`, in words."""
     units, follows = stage.params.marked(Unit), stage.params.marked(Follows)
     properties = stage.params.model_json_schema().get("properties", {})
-    told = {}
+    texts = {}
     for name, info in stage.params.model_fields.items():
         default = "required" if info.is_required() else f"default {info.get_default(call_default_factory=True)!r}"
         if name in follows:
             default += f", or as {follows[name].stage}.{follows[name].parameter}"
         kind = _kind(properties.get(name, {}))
-        told[name] = {
+        texts[name] = {
             "type": f"{kind} in {units[name].name}" if name in units else kind,
             "default": default,
             "meaning": " ".join((info.description or "").split()),
         }
-    return told
+    return texts
 
 
 def _kind(schema: dict[str, Any]) -> str:

@@ -1,1 +1,1 @@
-"""One config over all that a study varies: points, workers, one table, one page."""
+"""Studies: a config with varied parameters, its points, their workers, one table and one page."""

@@ -1,7 +1,7 @@
-"""A Dask cluster that works on the points of a study, which lies in a folder that all its machines see.
+"""Run the points of a study on a Dask cluster, all of whose machines have access to the study's folder.
 
-Each point has a process of its own beside the worker that answers for it: compiled code then has the worker's share of
-threads from its start, and whatever ends that process is no more than the end of a point.
+Each point runs in a process of its own beside its worker: compiled code then starts with the worker's number of
+threads, and a crash ends only that point.
 """
 
 from __future__ import annotations
@@ -31,25 +31,25 @@ from scaffold_pipeline.study.workers import WorkerPool
 if TYPE_CHECKING:
     from distributed import Client
 
-PATIENCE = 5.0
-"""Seconds that a scheduler has to answer."""
+CONNECT_TIMEOUT = 5.0
+"""Seconds within which a scheduler must answer."""
 
 
 def cluster_pool(address: str, most: int, count: int | None = None) -> WorkerPool:
-    """Return the workers of the scheduler at `address`: `count` points at once, by default one a worker.
+    """Return the workers of the scheduler at `address` for `count` points at once, by default one per worker.
 
-    There are `most` at most. Raises `PipelineError` where none answers, or it has no workers, or one of them has other
-    versions of what results come from: they would depend on who worked.
+    There are `most` at most. Raises `PipelineError` if no scheduler answers, it has no workers, or a worker has
+    different versions of the libraries: results would depend on the worker.
     """
     with _client(address) as client:
-        found = _workers(address, client)
-    memory = sum(worker["memory_limit"] or sys.maxsize for worker in found)
-    return WorkerPool(min(count or len(found), most), memory, partial(_cluster, address))
+        workers = _workers(address, client)
+    memory = sum(worker["memory_limit"] or sys.maxsize for worker in workers)
+    return WorkerPool(min(count or len(workers), most), memory, partial(_cluster, address))
 
 
 @contextmanager
 def cluster_executor(address: str | None) -> Iterator[Executor | None]:
-    """Give an executor of the scheduler's workers, which are checked as for a pool; none without an address."""
+    """Yield an executor on the scheduler's workers, checked as in `cluster_pool`; None without an address."""
     if address is None:
         yield None
         return
@@ -59,12 +59,12 @@ def cluster_executor(address: str | None) -> Iterator[Executor | None]:
 
 
 def _workers(address: str, client: Client) -> Collection[dict[str, Any]]:
-    """Return what the scheduler tells of each worker; raises `PipelineError` where there is none, or an unlike one."""
-    found: dict[str, dict[str, Any]] = client.scheduler_info(n_workers=-1)["workers"]
-    if not found:
+    """Return the scheduler's facts of each worker; raises `PipelineError` if there is none, or versions differ."""
+    workers: dict[str, dict[str, Any]] = client.scheduler_info(n_workers=-1)["workers"]
+    if not workers:
         raise PipelineError(f"{address}: the scheduler has no workers; start some with `dask worker {address}`")
     _require_same_versions(address, client)
-    return found.values()
+    return workers.values()
 
 
 @contextmanager
@@ -74,14 +74,12 @@ def _client(address: str) -> Iterator[Client]:
     except ImportError as error:
         message = "--scheduler needs dask.distributed; install it with `pip install 'scaffold-pipeline[dask]'`"
         raise PipelineError(message) from error
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # what it tells here, an exception tells too
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # its messages here repeat the exceptions
     try:
-        asyncio.run(asyncio.wait_for(_shake_hands(address), PATIENCE))
-        client = Client(address, timeout=PATIENCE, set_as_default=False)
+        asyncio.run(asyncio.wait_for(_shake_hands(address), CONNECT_TIMEOUT))
+        client = Client(address, timeout=CONNECT_TIMEOUT, set_as_default=False)
     except (OSError, ValueError) as error:
-        message = (
-            f"{address}: no Dask scheduler answers there within {PATIENCE:.0f} s; is it the address that it printed?"
-        )
+        message = f"{address}: no Dask scheduler answers within {CONNECT_TIMEOUT:.0f} s; give the address it printed"
         raise PipelineError(message) from error
     with client:
         yield client
@@ -90,15 +88,13 @@ def _client(address: str) -> Iterator[Client]:
 def _require_same_versions(address: str, client: Client) -> None:
     here = _versions()
     for worker, there in client.run(_versions, on_error="return").items():
-        if not isinstance(there, dict):  # the error of a worker that has not got this package, or of another age
-            raise PipelineError(
-                f"{address}: worker {worker} cannot take part ({there}); install scaffold-pipeline there"
-            )
+        if not isinstance(there, dict):  # the error of a worker without this package, or with an old one
+            raise PipelineError(f"{address}: worker {worker} cannot be used ({there}); install scaffold-pipeline there")
         for name in sorted(here):
             if there.get(name) != here[name]:
                 raise PipelineError(
                     f"{address}: worker {worker} has {name} {there.get(name)}, here it is {here[name]}, so results "
-                    "would depend on who computes them; install the same versions on both"
+                    "would depend on the machine; install the same versions on both"
                 )
 
 
@@ -107,11 +103,11 @@ def _versions() -> dict[str, str]:
 
 
 async def _shake_hands(address: str) -> None:
-    """Connect to the scheduler at `address` and leave it: where one accepts and is silent, `Client` waits for ever."""
+    """Connect to the scheduler at `address` once: `Client` would wait for ever for one that accepts and is silent."""
     from distributed import Security
     from distributed.core import connect
 
-    comm = await connect(address, timeout=PATIENCE, **Security().get_connection_args("client"))
+    comm = await connect(address, timeout=CONNECT_TIMEOUT, **Security().get_connection_args("client"))
     await comm.close()
 
 
@@ -122,65 +118,65 @@ def _cluster(address: str) -> Iterator[Executor]:
 
 
 class _Cluster(Executor):
-    """Dask's executor, with a process for each call, and the end of a worker told as other executors tell it."""
+    """Dask's executor, with a process for each call; a dead worker raises `BrokenExecutor`, as in other executors."""
 
     def __init__(self, address: str, executor: Executor) -> None:
         self._address = address
         self._executor = executor
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:  # noqa: ANN401
-        promised: Future[Any] = Future()
-        given = self._executor.submit(call_in_process, function, *arguments)
-        given.add_done_callback(partial(self._hand_on, promised))
-        return promised
+        future: Future[Any] = Future()
+        of_dask = self._executor.submit(call_in_process, function, *arguments)
+        of_dask.add_done_callback(partial(self._pass_on, future))
+        return future
 
-    def _hand_on(self, promised: Future[Any], given: Future[Any]) -> None:
+    def _pass_on(self, future: Future[Any], of_dask: Future[Any]) -> None:
         from distributed import KilledWorker
 
-        if given.cancelled():
-            message = f"{self._address}: the scheduler was lost; the same command goes on with the points that are left"
-            promised.set_exception(PipelineError(message))
+        if of_dask.cancelled():
+            message = f"{self._address}: the scheduler was lost; finished points are kept: the same command continues"
+            future.set_exception(PipelineError(message))
             return
-        error = given.exception()
+        error = of_dask.exception()
         if error is None:
-            promised.set_result(given.result())
+            future.set_result(of_dask.result())
         else:
-            promised.set_exception(BrokenExecutor(str(error)) if isinstance(error, KilledWorker) else error)
+            future.set_exception(BrokenExecutor(str(error)) if isinstance(error, KilledWorker) else error)
 
 
 def call_in_process(function: Callable[..., Any], *arguments: Any) -> Any:  # noqa: ANN401 - whatever it returns
-    """Return `function(*arguments)`, computed in a fresh process; raises `BrokenExecutor` where that ends without it.
+    """Return `function(*arguments)`, computed in a new process; raises `BrokenExecutor` if that ends without a result.
 
-    Not a process of `multiprocessing`: a worker that a nanny has started may have none.
+    `multiprocessing` is not used: a worker that a nanny has started may have no such child processes.
     """
     environment = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, str(thread_count()))}
-    with TemporaryDirectory(prefix="scaffold-") as folder:
-        box = Path(folder)
-        (box / "request").write_bytes(pickle.dumps((function, arguments)))
-        command = [sys.executable, "-m", __name__, str(box)]
+    with TemporaryDirectory(prefix="scaffold-") as name:
+        folder = Path(name)
+        (folder / "request").write_bytes(pickle.dumps((function, arguments)))
+        command = [sys.executable, "-m", __name__, str(folder)]
         with (
-            (box / "output").open("wb") as output,
+            (folder / "output").open("wb") as output,
             subprocess.Popen(command, stdin=subprocess.PIPE, stdout=output, stderr=output, env=environment) as child,
         ):
             child.wait()
         if child.returncode:
-            lines = (box / "output").read_text(encoding="utf-8", errors="replace").split("\n")
+            lines = (folder / "output").read_text(encoding="utf-8", errors="replace").split("\n")
             raise BrokenExecutor(f"ended with exit code {child.returncode} ({' '.join(lines[-2:]).strip()})")
-        return pickle.loads((box / "answer").read_bytes())  # noqa: S301 - our own child wrote it
+        return pickle.loads((folder / "answer").read_bytes())  # noqa: S301 - our own child wrote it
 
 
-def _serve(box: Path) -> None:
-    """Do what the request in `box` asks for: the child's side."""
+def _serve(folder: Path) -> None:
+    """Run the request in `folder` and write the answer; this is the child process."""
     die_with_parent()
-    Thread(target=_outlive_nobody, daemon=True).start()
+    Thread(target=_exit_with_parent, daemon=True).start()
     use_one_blas_thread()
-    function, arguments = pickle.loads((box / "request").read_bytes())  # noqa: S301 - our own parent wrote it
-    (box / "answer").write_bytes(pickle.dumps(function(*arguments)))
+    function, arguments = pickle.loads((folder / "request").read_bytes())  # noqa: S301 - our own parent wrote it
+    (folder / "answer").write_bytes(pickle.dumps(function(*arguments)))
 
 
-def _outlive_nobody() -> None:
-    """End this process when its parent, which holds the other end of standard input, is gone."""
-    os.read(sys.stdin.fileno(), 1)  # not of sys.stdin itself: a thread that waits in it makes the interpreter end badly
+def _exit_with_parent() -> None:
+    """End this process when its parent, which holds the other end of standard input, has ended."""
+    os.read(sys.stdin.fileno(), 1)  # a thread that waits in sys.stdin itself breaks the interpreter's shutdown
     os._exit(1)
 
 

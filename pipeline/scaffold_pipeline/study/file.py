@@ -1,14 +1,14 @@
-"""A study file to points: each a config of its own, every fault found, each with its place.
+"""From a study file to its points, each a config of its own: all faults are found, each with its place.
 
 base: ../heel.yaml            # a config, relative to this file
-set: {write_solid.preview: false}             # values of all points, as `--set` gives them
-vary:                         # what takes the place of its values, named as for `--set`
+set: {write_solid.preview: false}             # values for all points, as with `--set`
+vary:                         # the varied parameters, named as for `--set`, and their values
   isosurface.porosity: [0.5, 0.6, 0.7]
   jitter.amount: {linspace: [0.0, 0.3, 4]}    # or {range: [start, stop, step]}
-mode: grid                    # every value with every other; zip: one by one; list: `vary` lists the points themselves
-repeats: 3                    # each point with so many seeds
+mode: grid                    # all combinations; zip: first with first, and so on; list: `vary` lists the points
+repeats: 3                    # number of seeds for each point
 
-Instead of `base` and `vary`, `runs: [a.yaml, b.yaml]` lists configs that are run as they are.
+Instead of `base` and `vary`, `runs: [a.yaml, b.yaml]` lists configs that are run unchanged.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from scaffold_pipeline.stages.faults import format_value
 from scaffold_pipeline.study.variations import MODES, Variations, read_variations, setting
 
 MOST_POINTS = 2000
-"""A study of more points than this is asked about: it may be a slip of the pen."""
+"""A study of more points needs confirmation: the number may be a typing error."""
 
 _TOP_LEVEL = ("name", "base", "set", "vary", "mode", "repeats", "runs")
 _OTHER_SIGNS = re.compile(r"[^A-Za-z0-9._-]+")
@@ -47,9 +47,9 @@ _LONGEST_NAME = 80
 
 @dataclass(frozen=True)
 class Point:
-    """One config of a study: `varied` is what distinguishes it, `settings` take the place of the config's values.
+    """One config of a study: `varied` are its varied parameters, `settings` replace values of the config.
 
-    `caption` is what the config says of itself, where it is run as it is.
+    `caption` is the config's leading comment, for a config that is run unchanged.
     """
 
     name: str
@@ -59,13 +59,13 @@ class Point:
     caption: str = ""
 
     def plan(self) -> Plan:
-        """Return the point's plan; raises `ConfigError` with all that is wrong with it."""
+        """Return the point's plan; raises `ConfigError` with all its faults."""
         return make_plan(make_draft(self.config, self.settings))
 
 
 @dataclass(frozen=True)
 class Study:
-    """The points of a study, the columns of its table that say what varies, and what its file says of itself."""
+    """The points of a study, the columns of its table for the varied parameters, and its file's leading comment."""
 
     name: str
     columns: tuple[str, ...]
@@ -79,8 +79,8 @@ def is_study(path: Path) -> bool:
 
 
 @dataclass(frozen=True)
-class _Singles:
-    """The points before they are repeated: asked for by `key` of the file, so many, made when they are needed."""
+class _BasePoints:
+    """The points without repeats: the `key` of the file that defines them, their number, and what yields them."""
 
     key: str
     count: int
@@ -91,22 +91,22 @@ class _Singles:
 def read_study(path: Path, settings: Sequence[str | Setting] = (), *, may_be_large: bool = False) -> Study:
     """Read the study file at `path`; `settings`, as `--set` takes them, are applied to every config.
 
-    Raises `ConfigError` with all faults of the file, or else with those of all points, and for more than
+    Raises `ConfigError` with all faults of the file or, if it has none, of all points, and for more than
     `MOST_POINTS` points unless `may_be_large`.
     """
     document = read_document(path, "a study is a mapping with the keys base and vary, or runs")
     _raise_any([*document.faults, *_top_level_faults(document)])
     given = (*_own_settings(document), *read_settings(settings))
     _raise_any(fault for fault in map(_name_fault, given) if fault)
-    singles = _from_runs(document, given) if "runs" in document.values else _from_base(document, given)
+    base = _from_runs(document, given) if "runs" in document.values else _from_base(document, given)
     repeats = document.values.get("repeats", 1)
-    count = singles.count * repeats
+    count = base.count * repeats
     if count > MOST_POINTS and not may_be_large:
-        rule = f"makes {count:,} points, more than {MOST_POINTS:,}; give --yes if that is meant"
-        raise ConfigError([document.fault((singles.key,), f"{singles.key}: {rule}")])
-    points = [_name_point(point) for single in singles.points() for point in _repeat_point(single, repeats)]
-    _raise_any(_point_faults(points, document.fault((singles.key,), "")))
-    columns = (*singles.columns, *(("repeat", "seed") if repeats > 1 else ()))
+        rule = f"makes {count:,} points, more than {MOST_POINTS:,}; confirm with --yes"
+        raise ConfigError([document.fault((base.key,), f"{base.key}: {rule}")])
+    points = [_name_point(point) for single in base.points() for point in _repeat_point(single, repeats)]
+    _raise_any(_point_faults(points, document.fault((base.key,), "")))
+    columns = (*base.columns, *(("repeat", "seed") if repeats > 1 else ()))
     return Study(str(document.values.get("name", path.stem)), columns, tuple(points), document.comment)
 
 
@@ -121,11 +121,9 @@ def _top_level_faults(document: Document) -> Iterator[Fault]:
     if mode not in MODES:
         yield document.fault(("mode",), f"mode: must be one of {', '.join(MODES)}, got {format_value(mode)}")
     if isinstance(repeats, bool) or not isinstance(repeats, int) or repeats < 1:
-        yield document.fault(
-            ("repeats",), f"repeats: must be a whole number of 1 at least, got {format_value(repeats)}"
-        )
+        yield document.fault(("repeats",), f"repeats: must be a whole number, at least 1, got {format_value(repeats)}")
     for key in {"base", "vary", "mode"} & set(values) if "runs" in values else ():
-        yield document.fault((key,), f"{key}: cannot stand beside runs, which lists whole configs")
+        yield document.fault((key,), f"{key}: cannot be combined with runs, which lists whole configs")
     if not {"base", "runs"} & set(values):
         yield document.fault((), "needs `base:`, the config to vary, or `runs:`, a list of configs")
     elif set(values) <= {"name", "base", "set", "mode"}:
@@ -140,37 +138,37 @@ def _own_settings(document: Document) -> tuple[Setting, ...]:
 
 
 def _name_fault(given: Setting) -> Fault | None:
-    return given.fault("name: the study names its points itself") if given.target == "name" else None
+    return given.fault("name: cannot be set, the study names its points") if given.target == "name" else None
 
 
-def _from_base(document: Document, given: tuple[Setting, ...]) -> _Singles:
+def _from_base(document: Document, given: tuple[Setting, ...]) -> _BasePoints:
     config = _read_config(document, ("base",), document.values["base"])
     if "vary" not in document.values:
-        return _Singles("repeats", 1, (), lambda: iter([Point("", {}, config, given)]))
-    found = read_variations(document, document.values.get("mode", "grid"))
-    if not isinstance(found, Variations):
-        raise ConfigError(found)
-    _raise_any(_target_faults(config, found, given))
-    short = _short_names(found.targets)
+        return _BasePoints("repeats", 1, (), lambda: iter([Point("", {}, config, given)]))
+    variations = read_variations(document, document.values.get("mode", "grid"))
+    if not isinstance(variations, Variations):
+        raise ConfigError(variations)
+    _raise_any(_target_faults(config, variations, given))
+    short = _short_names(variations.targets)
 
     def points() -> Iterator[Point]:
-        for settings in found.combinations():
+        for settings in variations.combinations():
             varied = {each.target: each.value for each in settings}
             yield Point(_point_name(varied, short), varied, config, (*given, *settings))
 
-    return _Singles("vary", found.count, found.targets, points)
+    return _BasePoints("vary", variations.count, variations.targets, points)
 
 
-def _target_faults(config: Document, found: Variations, given: tuple[Setting, ...]) -> Iterator[Fault]:
-    for head in found.heads:
+def _target_faults(config: Document, variations: Variations, given: tuple[Setting, ...]) -> Iterator[Fault]:
+    for head in variations.heads:
         fault = _name_fault(head) or target_fault(config, head)
         yield from [fault] if fault else []
     for fixed in given:
-        if fixed.target in found.targets:
+        if fixed.target in variations.targets:
             yield fixed.fault(f"the study varies {fixed.target}; change its values there")
 
 
-def _from_runs(document: Document, given: tuple[Setting, ...]) -> _Singles:
+def _from_runs(document: Document, given: tuple[Setting, ...]) -> _BasePoints:
     entries = document.values["runs"]
     if not isinstance(entries, list) or not entries:
         raise ConfigError([document.fault(("runs",), f"runs: must be a list of configs, got {format_value(entries)}")])
@@ -181,11 +179,11 @@ def _from_runs(document: Document, given: tuple[Setting, ...]) -> _Singles:
             name = str(config.values.get("name", Path(config.source).stem))
             yield Point(name, {"run": name}, config, given, config.comment)
 
-    return _Singles("runs", len(configs), ("run",), points)
+    return _BasePoints("runs", len(configs), ("run",), points)
 
 
 def _read_config(document: Document, path: yaml_source.Path, entry: object) -> Document:
-    """Return the config that stands at `path` of a study file, named relative to its folder."""
+    """Return the config named at `path` of a study file, relative to its folder."""
     label = ".".join(map(str, path))
     if not isinstance(entry, str):
         raise ConfigError([document.fault(path, f"{label}: must be the path of a config, got {format_value(entry)}")])
@@ -197,7 +195,7 @@ def _read_config(document: Document, path: yaml_source.Path, entry: object) -> D
 
 
 def _repeat_point(point: Point, repeats: int) -> Iterator[Point]:
-    """Yield `point` with as many seeds: first its own, then such as follow from it, the same for every point."""
+    """Yield `point` with `repeats` seeds: its own first, then seeds derived from it, the same for every point."""
     if repeats == 1:
         yield point
         return
@@ -221,13 +219,13 @@ def _name_point(point: Point) -> Point:
 
 
 def _short_names(targets: Sequence[str]) -> dict[str, str]:
-    """Return each target's last word, or all of it where two end alike."""
+    """Return the last part of each target, or the whole target if two have the same last part."""
     last = [target.rpartition(".")[2] for target in targets]
     return {target: word if last.count(word) == 1 else target for target, word in zip(targets, last, strict=True)}
 
 
 def _point_name(varied: Mapping[str, object], short: Mapping[str, str]) -> str:
-    """Return a name for a folder that says what varies, with a hash where it cannot say all of it."""
+    """Return a folder name made of the varied parameters, with a hash if they do not fit into it."""
     texts = {short[target]: str(value) for target, value in varied.items()}
     name = "_".join(f"{word}-{_OTHER_SIGNS.sub('-', text)}" for word, text in texts.items())
     is_whole = len(name) <= _LONGEST_NAME and not any(_OTHER_SIGNS.search(text) for text in texts.values())
@@ -242,11 +240,11 @@ def _point_faults(points: Sequence[Point], place: Fault) -> Iterator[Fault]:
         except ConfigError as error:
             yield from error.faults
         if point.name in seen:
-            yield replace(place, message=f"asks for {point.name} twice; keep one")
+            yield replace(place, message=f"gives the point {point.name} twice; keep one")
         seen.add(point.name)
 
 
 def _raise_any(faults: Iterable[Fault]) -> None:
-    found = list(faults)
-    if found:
-        raise ConfigError(found)
+    all_faults = list(faults)
+    if all_faults:
+        raise ConfigError(all_faults)

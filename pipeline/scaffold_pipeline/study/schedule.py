@@ -1,4 +1,4 @@
-"""The order in which tasks that share work are given to an executor, and what becomes of those whose worker dies."""
+"""Scheduling of tasks that share work: their order on an executor, and retries after the death of a worker."""
 
 from __future__ import annotations
 
@@ -12,16 +12,15 @@ from dataclasses import dataclass, field
 from scaffold_pipeline.study.memory_forecast import USUAL
 
 MOST_DEATHS = 2
-"""A task whose worker dies is tried again, alone, once: it may have been the memory that another task took. So is one
-that has not had the memory that it needs while another ran beside it."""
+"""A task whose worker dies is tried again once, alone: other tasks may have taken the memory. So is a task that ran out
+of memory beside others."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """Something to do, and the hashes of all pieces of work in it: a piece that two have in common is done once.
+    """A task, with the hashes of its pieces of work: a piece that two tasks share is done once.
 
-    `memory` are the bytes that it is expected to need, before any other has ended and shown how far such numbers are
-    off.
+    `memory` is the expected memory, bytes; tasks that have ended correct it.
     """
 
     name: str
@@ -31,9 +30,9 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a task: the error that ended it, or None, the most memory that it had, bytes, and warnings.
+    """The result of a task: the error that ended it or None, its peak memory in bytes, and its warnings.
 
-    `lacks_memory` tells that the error was one of too little memory.
+    `lacks_memory` is true if the error was a lack of memory.
     """
 
     error: str | None = None
@@ -44,11 +43,11 @@ class Outcome:
 
 @dataclass
 class Schedule:
-    """Tasks on their way through an executor: `workers` at once at most, and no more than fit into `memory` bytes.
+    """Run tasks on an executor: at most `workers` at once, and no more than fit into `memory` bytes.
 
-    `do` is what a worker calls with a task's name; `ended` is told each outcome. After a failure nothing new is
-    started unless `keep_going`. The memory that a task is expected to need is multiplied by the most that any that has
-    ended had for a byte expected.
+    A worker calls `do` with a task's name; `ended` is called with each outcome. After a failure no new task is started
+    unless `keep_going`. The expected memory of a task is multiplied by the greatest ratio of peak to expected memory
+    of all tasks that have ended.
     """
 
     do: Callable[[str], Outcome]
@@ -63,18 +62,18 @@ class Schedule:
     _is_stopped: bool = False
 
     def calibrate(self, expected: int, peak: int) -> None:
-        """Take into account that a task which was expected to need `expected` bytes had `peak`."""
+        """Correct the expected memory by a task that was expected to need `expected` bytes and took `peak`."""
         self._factor = max(self._factor, peak / expected)
 
     def run(self, tasks: Iterable[Task], start: Callable[[], AbstractContextManager[Executor]]) -> None:
-        """Do all `tasks`, in executors that `start` makes: another whenever one is broken by a worker's death."""
+        """Run all `tasks` in executors made by `start`: a new one whenever a worker's death has broken the last."""
         pending = list(tasks)
         while pending and not self._is_stopped:
             with start() as executor:
                 pending = self._drain(pending, executor)
 
     def _drain(self, pending: list[Task], executor: Executor) -> list[Task]:
-        """Work on `pending` until all are done or the executor is broken; return what is left."""
+        """Run `pending` until all are done or the executor is broken; return the tasks that are left."""
         running: dict[Future[Outcome], Task] = {}
         is_broken = False
         while running or (pending and not is_broken and not self._is_stopped):
@@ -103,7 +102,7 @@ class Schedule:
         return pending
 
     def _may_start(self, task: Task, running: Collection[Task]) -> bool:
-        """Return whether `task`, which is chosen to be next, may start beside those that run."""
+        """Return whether `task`, the next one, may start beside those that are running."""
         if self._is_stopped or len(running) >= self.workers:
             return False
         needed = (self._factor or 1.0) * sum(each.memory for each in (task, *running))
@@ -113,17 +112,17 @@ class Schedule:
         return outcome.lacks_memory and task.name in self._accompanied and not self._deaths[task.name]
 
     def _choose(self, pending: list[Task], running: Collection[Task]) -> Task:
-        """Return the task that would have to wait least for pieces that are being made, the first of equals."""
+        """Return the task with the fewest pieces that running tasks are computing; of equal ones the first."""
         suspects = [task for task in pending if self._deaths[task.name]]
         being_made = frozenset[str]().union(*(task.pieces for task in running)) - self._made
         return min(suspects or pending, key=lambda task: len(task.pieces & being_made))
 
     def _after_death(self, task: Task) -> list[Task]:
-        """Return the task to be tried again, or end it."""
+        """Return the task if it may be tried again; otherwise end it."""
         self._deaths[task.name] += 1
         if self._deaths[task.name] < MOST_DEATHS:
             return [task]
-        self._end(task, Outcome("the process that worked on it was ended from outside, twice; is memory short?"))
+        self._end(task, Outcome("its process was ended from outside, twice; check the free memory"))
         return []
 
     def _end(self, task: Task, outcome: Outcome) -> None:

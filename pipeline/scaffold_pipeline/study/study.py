@@ -1,12 +1,12 @@
-"""Points of a study to runs and one table: many at once, stopped and started at will.
+"""Run the points of a study, several at once, and write one table; a study can be stopped and continued at any time.
 
 studies/NAME/                 the study's folder
     points/POINT/             the run directory of each point, with its resolved config
-    cache/                    what the points share, unless another cache is named
+    cache/                    results that the points share, unless another cache is named
     table.csv  study.json     the result and the record
-    study.html  sheet.png     both for people, with the pictures
+    study.html  sheet.png     the same with pictures
 
-Nothing but these folders says what is done: the same command goes on from what lies there.
+These folders are the only state: the same command continues from them.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _WRITE_EVERY = 5.0
 
 @dataclass(frozen=True)
 class PointPlan:
-    """A point and what is known before it runs: its resolved config, and for each label a hash of all behind it.
+    """A point before it runs: its resolved config, and for each label the hash of everything its result depends on.
 
     `unchanged` are the labels whose results are stored.
     """
@@ -60,16 +60,16 @@ class PointPlan:
 
     @property
     def state(self) -> PointState:
-        """What the point's folder says now."""
+        """The present state of the point's folder."""
         return read_state(self.point.name, self.point.varied, self.folder, self.config_sha256)
 
     @property
     def source(self) -> str:
-        """The key of the first stage's result, which reads nothing: it gives the shape, or a mesh of it."""
+        """The key of the first stage's result, which is the shape or a mesh of it."""
         return next(iter(self.recipes.values()))
 
     def shape(self, cache: Cache) -> Mapping[str, Fact]:
-        """Return the facts of what the first stage gave, none where it is not stored."""
+        """Return the facts of the first stage's result, none if it is not stored."""
         stored = first_result([cache.store, Store(self.folder / STORE)], self.source)
         return stored["summary"] if stored else {}
 
@@ -79,36 +79,36 @@ class PointPlan:
 
     @property
     def work(self) -> frozenset[str]:
-        """The hashes of all that is not stored."""
+        """The hashes of all results that are not stored."""
         return frozenset(recipe for label, recipe in self.recipes.items() if label not in self.unchanged)
 
     @property
     def is_done(self) -> bool:
-        """Whether all that the point asks for lies there."""
+        """Whether all results and files of the point exist."""
         return not self.work and self.state.status == "done"
 
 
 @dataclass(frozen=True)
 class Watcher:
-    """What a study tells whoever watches it: each point that ended, and how many of how many have."""
+    """Callbacks of a study: `ended` with each point that has ended, their number and that of all points; `warned`."""
 
     ended: Callable[[PointState, int, int], None] = lambda _state, _number, _count: None
     warned: Callable[[str], None] = lambda _message: None
 
 
 def plan_points(study: Study, out: Path, cache: Cache | None = None) -> list[PointPlan]:
-    """Return all points with what is stored of each; reads the folders and writes nothing."""
+    """Return all points, each with its stored results; reads the folders and writes nothing."""
     used = cache or own_cache(out)
     return [_plan_point(point, out, used) for point in study.points]
 
 
 def own_cache(out: Path) -> Cache:
-    """Return the cache of a study that shares none with others."""
+    """Return the study's own cache, for a study that shares none with others."""
     return Cache(out.resolve() / OWN_CACHE)
 
 
 def work_left(plans: Iterable[PointPlan]) -> int:
-    """Return the number of results that are not stored, each counted once however many points share it."""
+    """Return the number of results that are not stored; one that several points share counts once."""
     return len(frozenset[str]().union(*(plan.work for plan in plans)))
 
 
@@ -129,10 +129,10 @@ def run_study(
     keep_going: bool = False,
     watcher: Watcher | None = None,
 ) -> list[PointState]:
-    """Run the points that are not done yet in the pool that `pool_factory` gives for their number; return all states.
+    """Run the points that are not done in the pool that `pool_factory` makes for their number; return all states.
 
-    The table and the record are written now and then, and at the end, however it comes; the page when all have ended.
-    After a point has failed those that run are finished and no other is started, unless `keep_going`.
+    The table and the record are written while points run, and at the end, also after an error; the page at the end.
+    After a failed point the running ones are finished and no other is started, unless `keep_going`.
     """
     with locked(out):
         runner = _StudyRunner(study, out, plan_points(study, out, cache), watcher or Watcher())
@@ -154,7 +154,7 @@ def run_study(
 
 
 def run_point(points: Path, cache: Path, name: str, *, first_only: bool = False) -> Outcome:
-    """Run the point whose folder is there, or its first stage, in a worker; whatever fails is the outcome."""
+    """Run the point `name` in the folder `points`, or its first stage, in a worker; an error becomes the outcome."""
     folder = points / name
     try:
         with interruptible(), locked(folder):
@@ -169,7 +169,7 @@ def run_point(points: Path, cache: Path, name: str, *, first_only: bool = False)
 
 @dataclass
 class _StudyRunner:
-    """A study at work: the states of all points by name, and the points that were not done when it began."""
+    """A running study: the states of all points by name, and the points that are not done."""
 
     study: Study
     out: Path
@@ -177,7 +177,7 @@ class _StudyRunner:
     watcher: Watcher
     left: dict[str, PointPlan] = field(init=False)
     states: dict[str, PointState] = field(init=False)
-    _told: set[str] = field(default_factory=set)
+    _warnings: set[str] = field(default_factory=set)
     _facts: dict[str, Any] = field(default_factory=dict)
     _started: float = field(default_factory=time.monotonic)
     _written: float = 0.0
@@ -187,9 +187,9 @@ class _StudyRunner:
         self.states = {plan.point.name: plan.state for plan in self.plans}
 
     def prepare(self, cache: Cache, workers: int) -> None:
-        """Write the config of each point that is left, and give `cache` what finished ones hold and it has lost."""
+        """Write the config of each point that is left, and restore missing results of finished points to `cache`."""
         for plan in self.plans:
-            _give_back(Store(plan.folder / STORE), cache)
+            _restore_to_cache(Store(plan.folder / STORE), cache)
         for plan in self.left.values():
             plan.folder.mkdir(parents=True, exist_ok=True)
             write_atomically(plan.folder / "config.yaml", partial(_write_text, plan.config))
@@ -197,45 +197,45 @@ class _StudyRunner:
         self.write()
 
     def load_shapes(self, cache: Cache, pool: WorkerPool) -> None:
-        """Let the first stage of each point be done that tells how large it is, once for all that share it."""
+        """Run the first stage of the points whose shape is unknown, once for all points that share it."""
         unknown = {plan.source: name for name, plan in self.left.items() if plan.grids.any and not plan.shape(cache)}
         do = partial(run_point, self.out.resolve() / POINTS, cache.root, first_only=True)
         schedule = Schedule(do, lambda _name, _outcome: None, pool.size, keep_going=True, memory=pool.memory)
         schedule.run([Task(name, frozenset()) for name in unknown.values()], pool.start)
 
     def calibrate(self, cache: Cache, schedule: Schedule) -> None:
-        """Tell `schedule` how much memory the points had that were done before."""
+        """Correct the expected memory of `schedule` by the peak memory of the finished points."""
         for plan in self.plans:
             if plan.point.name not in self.left:
                 schedule.calibrate(plan.memory(cache), plan.state.record["peak_memory_bytes"])
 
     def tasks(self, cache: Cache) -> list[Task]:
-        """Return what is left to do."""
+        """Return the tasks that are left."""
         return [Task(name, plan.work, plan.memory(cache)) for name, plan in self.left.items()]
 
     def ended(self, name: str, outcome: Outcome) -> None:
-        """Keep what became of a point."""
+        """Record the outcome of a point."""
         plan = self.left.pop(name)
         if outcome.error is None:
             (plan.folder / FAILURE).unlink(missing_ok=True)
         else:
             write_json(plan.folder / FAILURE, {"error": outcome.error, "config_sha256": plan.config_sha256})
         self.states[name] = plan.state
-        for message in set(outcome.warnings) - self._told:
+        for message in set(outcome.warnings) - self._warnings:
             self.watcher.warned(message)
-        self._told.update(outcome.warnings)
+        self._warnings.update(outcome.warnings)
         self.watcher.ended(self.states[name], len(self.plans) - len(self.left), len(self.plans))
         if time.monotonic() - self._written > _WRITE_EVERY:
             self.write()
 
     def write(self) -> None:
-        """Write the results as they are now."""
+        """Write the present results."""
         self._facts["seconds"] = round(time.monotonic() - self._started, 3)
         write_results(self.out, self.study.columns, self.states.values(), self._facts)
         self._written = time.monotonic()
 
 
-def _give_back(store: Store, cache: Cache) -> None:
+def _restore_to_cache(store: Store, cache: Cache) -> None:
     for key in store.stored_keys():
         if not cache.store.path("results", key).exists():
             with suppress(PipelineError, OSError):

@@ -1,4 +1,4 @@
-"""What a study leaves: `table.csv`, one row a point, and `study.json`, all that is needed to get the same again."""
+"""The results of a study: `table.csv`, one row per point, and `study.json`, the record needed to repeat it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ TABLE = "table.csv"
 STUDY_RECORD = "study.json"
 
 FAILURE = "failure.json"
-"""File of a point's folder that says why the configuration with that hash failed."""
+"""File in a point's folder with the error of a configuration and its hash."""
 
 _OF_A_RECORD = ("seed", "finished", "seconds", "peak_memory_bytes", "config", "config_sha256", "warnings", "files")
 
 
 @dataclass(frozen=True)
 class PointState:
-    """What lies in a point's folder: `status` is done, failed or waiting; a done one has part of its record."""
+    """The state of a point's folder: `status` is done, failed or waiting; if done, it has part of the run's record."""
 
     name: str
     varied: Mapping[str, object]
@@ -43,14 +43,14 @@ class PointState:
 
     @property
     def seconds(self) -> tuple[float, float]:
-        """Seconds of the stages that were run for this point, and of those whose results it was given."""
+        """Seconds of the stages that were run for this point, and of those whose results were reused."""
         stages = self.record.get("stages", {}).values()
         run = sum(stage["seconds"] for stage in stages if not stage["reused"])
         return run, sum(stage["seconds"] for stage in stages if stage["reused"])
 
 
 def read_state(name: str, varied: Mapping[str, object], folder: Path, config_sha256: str) -> PointState:
-    """Return what the point's folder says of the configuration with that hash."""
+    """Return the state of the point's folder for the configuration with that hash."""
     record = read_json(folder / RECORD)
     if record.get("config_sha256") == config_sha256 and _has_files(folder, record):
         return PointState(name, varied, "done", None, _record_payload(record), read_json(folder / METRICS))
@@ -61,7 +61,7 @@ def read_state(name: str, varied: Mapping[str, object], folder: Path, config_sha
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Return the JSON object in a file; an empty one where there is none."""
+    """Return the JSON object in a file; an empty one if there is none."""
     with suppress(OSError, ValueError):
         value = json.loads(path.read_text(encoding="utf-8"))
         return value if isinstance(value, dict) else {}
@@ -69,7 +69,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def write_json(path: Path, value: object) -> None:
-    """Write a file of JSON, complete or not at all."""
+    """Write a JSON file atomically."""
     text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     write_atomically(path, lambda stream: stream.write(text.encode()))
 
@@ -83,7 +83,7 @@ def write_results(out: Path, columns: Sequence[str], states: Iterable[PointState
 
 
 def to_table(columns: Sequence[str], states: Sequence[PointState]) -> tuple[list[str], list[list[object]]]:
-    """Return the titles of the table and its rows: the point, what varied, all metrics, the verdict and the error."""
+    """Return the titles and rows of the table: point, varied parameters, all metrics, verdict and error."""
     metrics = [key for key in dict.fromkeys(key for state in states for key in state.metrics) if key != "quality"]
     rows: list[list[object]] = []
     for state in states:
@@ -103,7 +103,7 @@ def _csv(columns: Sequence[str], states: Sequence[PointState]) -> str:
 
 
 def to_cell(value: object) -> str:
-    """Return a value as it stands in a cell of the table: nothing for None, lists of lines in one, else JSON's form."""
+    """Return a value as text for a table cell: None is empty, a list of texts is joined, all else is as in JSON."""
     if value is None:
         return ""
     if isinstance(value, bool):
@@ -119,7 +119,7 @@ def _state_payload(state: PointState) -> dict[str, Any]:
 
 
 def _record_payload(record: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what `study.json` holds of a point's record."""
+    """Return the part of a point's record that `study.json` has."""
     facts = ("key", "output", "seconds", "reused")
     stages = {stage["label"]: {fact: stage[fact] for fact in facts} for stage in record["stages"]}
     kept = {key: record[key] for key in _OF_A_RECORD}
@@ -127,7 +127,7 @@ def _record_payload(record: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _has_files(folder: Path, record: Mapping[str, Any]) -> bool:
-    """Return whether all files that a record names are there, of their sizes."""
+    """Return whether all files of a record exist and have the recorded sizes."""
     with suppress(OSError, KeyError, TypeError, AttributeError):
         return all((folder / name).stat().st_size == facts["bytes"] for name, facts in record["files"].items())
     return False

@@ -1,4 +1,4 @@
-"""What a study file lets vary: the values of each parameter, and how they are combined."""
+"""The varied parameters of a study: their values, and how these are combined."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DIGITS = 12
 
 @dataclass(frozen=True)
 class Axis:
-    """One parameter and its `count` values, computed one by one: a study may be far too large to be written out."""
+    """One parameter and its `count` values, computed one by one: a full list may be too large for memory."""
 
     target: str
     count: int
@@ -38,32 +38,32 @@ class Axis:
 
 @dataclass(frozen=True)
 class Variations:
-    """All combinations that a study asks for: how many, and the settings of each, made when they are asked for."""
+    """All combinations of a study: their number, and a function that yields the settings of each."""
 
     count: int
     targets: tuple[str, ...]
     combinations: Callable[[], Iterator[tuple[Setting, ...]]]
     heads: tuple[Setting, ...]
-    """Each parameter once, placed at its name: where it is unknown, its values need not be told of."""
+    """Each parameter once, placed at its name: an unknown parameter is reported once, not for each value."""
 
 
 def read_variations(document: Document, mode: str) -> Variations | list[Fault]:
-    """Return what `vary:` of a study file asks for, or what is wrong with it."""
+    """Return the variations in `vary:` of a study file, or its faults."""
     entry = document.values.get("vary")
     if mode == "list":
         return _from_list(document, entry)
     if not isinstance(entry, dict) or not entry:
         rule = "vary: must map parameters to values, such as `isosurface.porosity: [0.5, 0.6]`"
         return [document.fault(("vary",), f"{rule}, got {format_value(entry)}")]
-    found = [_read_axis(document, str(target), values) for target, values in entry.items()]
-    axes = [axis for axis in found if isinstance(axis, Axis)]
-    faults = [fault for fault in found if isinstance(fault, Fault)]
+    results = [_read_axis(document, str(target), values) for target, values in entry.items()]
+    axes = [axis for axis in results if isinstance(axis, Axis)]
+    faults = [fault for fault in results if isinstance(fault, Fault)]
     faults += _length_faults(document, axes) if mode == "zip" else []
     return faults or _combine(document, axes, mode)
 
 
 def setting(document: Document, path: Path, target: str, value: object = None) -> Setting:
-    """Return the setting that stands at `path` of a study file."""
+    """Return the setting at `path` of a study file."""
     return Setting(target, value, document.fault(path, ""), FilePath(document.source).parent)
 
 
@@ -86,7 +86,7 @@ def _length_faults(document: Document, axes: list[Axis]) -> list[Fault]:
         document.fault(
             ("vary", axis.target),
             f"{axis.target}: has {axis.count} values, but {axes[0].target} has {axes[0].count}; "
-            "`mode: zip` takes lists of one length",
+            "`mode: zip` needs lists of equal length",
         )
         for axis in axes[1:]
         if axis.count != axes[0].count
@@ -143,7 +143,7 @@ def _three_numbers(entry: object) -> tuple[float, float, float]:
 
 
 def _range(start: float, stop: float, step: float) -> tuple[int, Callable[[int], object]]:
-    """Return how many values lead from `start` to `stop`, which is one of them where a whole number of steps meets it.
+    """Return the number of values from `start` to `stop`, and each by its index; `stop` is one if a step ends on it.
 
     >>> count, value = _range(0.1, 0.3, 0.1)
     >>> [value(index) for index in range(count)]
@@ -151,20 +151,20 @@ def _range(start: float, stop: float, step: float) -> tuple[int, Callable[[int],
     """
     first, last, stride = (Fraction(Decimal(str(number))) for number in (start, stop, step))
     if stride == 0 or (last - first) / stride < 0:
-        raise ValueError("must be [start, stop, step] with a step that leads from start to stop")
+        raise ValueError("must be [start, stop, step] with a step from start towards stop")
     is_whole = all(isinstance(number, int) for number in (start, step))
     return int((last - first) / stride) + 1, lambda index: _number(first + index * stride, is_whole=is_whole)
 
 
 def _linspace(start: float, stop: float, count: float) -> tuple[int, Callable[[int], object]]:
-    """Return `count` and the values that lie evenly from `start` to `stop`, both among them.
+    """Return `count` and that many evenly spaced values from `start` to `stop`, each by its index.
 
     >>> count, value = _linspace(0, 1, 3)
     >>> [value(index) for index in range(count)]
     [0.0, 0.5, 1.0]
     """
     if not isinstance(count, int) or count < 2:  # both ends
-        raise ValueError("must be [start, stop, count] with a whole count of 2 at least")
+        raise ValueError("must be [start, stop, count] with a whole count, at least 2")
     first, last = (Fraction(Decimal(str(number))) for number in (start, stop))
     stride = (last - first) / (count - 1)
     is_whole = isinstance(start, int) and isinstance(stop, int) and stride.denominator == 1

@@ -1,4 +1,4 @@
-"""Processes of this machine that work on the points of a study."""
+"""Worker processes on this machine for the points of a study."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from scaffold_pipeline.processes.memory import available_memory
 from scaffold_pipeline.processes.threads import core_count, threads_of_children
 
 _GRACE = 5.0
-"""Seconds that an interrupted worker has to put its things in order before it is ended."""
+"""Seconds that an interrupted worker has to clean up before it is killed."""
 
 _Result = TypeVar("_Result")
 
@@ -29,7 +29,7 @@ _is_worker = False
 
 @dataclass(frozen=True)
 class WorkerPool:
-    """Who works on points: so many at once at most, in so many bytes of memory, in executors that `start` makes."""
+    """Workers for points: at most `size` at once, `memory` bytes in all, in executors made by `start`."""
 
     size: int
     memory: int
@@ -37,7 +37,7 @@ class WorkerPool:
 
 
 def local_pool(most: int, count: int | None = None) -> WorkerPool:
-    """Return `count` processes of this machine; by default one a core, `most` at most."""
+    """Return a pool of `count` processes on this machine; by default one per core, at most `most`."""
     size = max(1, count or min(core_count(), most))
     return WorkerPool(size, available_memory(), partial(local_workers, size))
 
@@ -61,9 +61,9 @@ class _InProcess(Executor):
 
 @contextmanager
 def local_workers(count: int) -> Iterator[Executor]:
-    """Give an executor of `count` processes that share the cores; an exception, such as Ctrl-C, stops what they do.
+    """Yield an executor of `count` processes that share the cores; an exception, such as Ctrl-C, stops their work.
 
-    They are fresh interpreters, not forks: those would have the parent's compiled threads, half alive.
+    They are new interpreters, not forks: a fork would inherit compiled threads in an undefined state.
     """
     earlier = set(active_children())
     with threads_of_children(max(1, core_count() // count)):
@@ -88,16 +88,16 @@ def _stop(workers: Iterable[BaseProcess]) -> None:
 
 
 def _begin() -> None:
-    """Prepare a worker: it dies with its parent, and is interrupted only while it works on something."""
+    """Prepare a worker: it ends with its parent, and can be interrupted only while it works."""
     global _is_worker  # noqa: PLW0603 - one worker is one process
     _is_worker = True
     die_with_parent()
-    threading.Thread(target=_outlive_nobody, daemon=True).start()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _outlive_nobody() -> None:
-    """End this process when its parent is gone, on the systems that do not do it by themselves."""
+def _exit_with_parent() -> None:
+    """End this process when its parent has ended, on systems that do not do so themselves."""
     parent = parent_process()
     if parent is not None:
         parent.join()
@@ -106,7 +106,7 @@ def _outlive_nobody() -> None:
 
 @contextmanager
 def interruptible() -> Iterator[None]:
-    """Let the first interrupt raise `KeyboardInterrupt` in a worker; it changes nothing in any other process."""
+    """Let the first interrupt raise `KeyboardInterrupt` in a worker; no effect in any other process."""
     if not _is_worker or threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -118,5 +118,5 @@ def interruptible() -> Iterator[None]:
 
 
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # nothing disturbs the tidying up
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the clean-up is not interrupted
     raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""Pictures of surfaces and meshes, drawn off-screen: in a child process, which a missing GL library would end."""
+"""Pictures of surfaces and meshes, drawn off-screen in a child process: a missing GL library crashes the process."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ _BONE = "#f2e8d5"
 _STRUT, _CHANNEL = "#b08d57", "#2f6f9f"
 _STRUT_WIDTH, _CHANNEL_WIDTH = 10.0, 6.0  # pixels before shrinking
 _INK = (51, 55, 61)
-_WIDTH, _HEIGHT, _LEAST_SIDE = 1200, 960, 640  # pixels, without the foot, which holds the scale bar
+_WIDTH, _HEIGHT, _LEAST_SIDE = 1200, 960, 640  # pixels, without the foot with the scale bar
 _FOOT, _MARGIN = 64, 24
 _BAR_HEIGHT = 6
-_OVERSAMPLING = 2  # a pixel is the mean of 2 x 2: VTK's own antialiasing takes thrice the time here
+_OVERSAMPLING = 2  # a pixel is the mean of 2 x 2: VTK's own antialiasing takes three times as long here
 _SMOOTH_UP_TO = 2_000_000  # triangles; smaller ones are about a pixel and need no smooth shading
-_SHARP = 20.0  # degrees; with more, a rim that a pore leaves at a shallow angle draws a scratch across a flat face
-_SHADOW_REACH = 0.04  # diagonals; how far ambient occlusion looks around a point
+_SHARP = 20.0  # degrees; with more, the rim of a pore at a shallow angle looks like a scratch across a flat face
+_SHADOW_REACH = 0.04  # diagonals; radius of ambient occlusion
 _BAR_SHARE = 0.22
 
 
 @dataclass(frozen=True)
 class View:
-    """How the picture is taken: pixel sizes, mm a pixel, and the camera's axes (right, up, towards the eye)."""
+    """The camera: picture size in pixels, mm per pixel, and the axes (right, up, towards the eye)."""
 
     width: int
     height: int
@@ -52,9 +52,9 @@ class View:
 
 
 def draw_in_child(draw: Callable[..., dict[str, NDArray[Any]]], arrays: dict[str, NDArray[Any]], path: Path) -> str:
-    """Write what `draw` makes of `arrays` as the PNG file `path`; return its name, or why there is none.
+    """Write the PNG that `draw` makes from `arrays` to `path`; return the file's name, or the reason why there is none.
 
-    A picture that cannot be drawn is a `PipelineWarning`: all else is complete without it.
+    A picture that cannot be drawn is a `PipelineWarning`: all other results are complete without it.
     """
     reasons = []
     for window in _WINDOWS:
@@ -78,26 +78,26 @@ def draw_surface(
 ) -> dict[str, NDArray[Any]]:
     """Return a PNG of a surface, `vertices` (n, 3) mm, `faces` (m, 3), as bytes: `png`, (k,) uint8.
 
-    A three-quarter view in parallel projection, with a scale bar. `window` names the class of VTK's window;
-    it counts only in a process that has not imported VTK yet.
+    A three-quarter view in parallel projection, with a scale bar. `window` is the class of VTK's window; it has effect
+    only in a process that has not imported VTK yet.
     """
-    view = frame(vertices)
-    return _drawn(vertices, view, lambda plotter: _add_surface(plotter, vertices - view.centre, faces), window)
+    view = fit_view(vertices)
+    return _render(vertices, view, lambda plotter: _add_surface(plotter, vertices - view.centre, faces), window)
 
 
 def draw_segments(struts: Floats, channels: Floats, window: str = "") -> dict[str, NDArray[Any]]:
-    """Return a PNG of struts (k, 2, 3) and, thinner and in blue, channels (h, 2, 3), mm; as `draw_surface` does."""
+    """Return a PNG of struts (k, 2, 3) and, thinner and blue, channels (h, 2, 3), mm, in the form of `draw_surface`."""
     ends = np.concatenate([struts, channels]).reshape(-1, 3)
-    view = frame(ends)
+    view = fit_view(ends)
 
     def add(plotter: pyvista.Plotter) -> None:
         _add_lines(plotter, struts - view.centre, _STRUT, _STRUT_WIDTH)
         _add_lines(plotter, channels - view.centre, _CHANNEL, _CHANNEL_WIDTH)
 
-    return _drawn(ends, view, add, window)
+    return _render(ends, view, add, window)
 
 
-def frame(vertices: NDArray[np.floating]) -> View:
+def fit_view(vertices: NDArray[np.floating]) -> View:
     """Return the view that fills the picture with `vertices` (n, 3), seen from the front, the side and above."""
     width_x, width_y, _ = np.ptp(vertices, axis=0)
     eye = np.array([0.55, -0.75, 0.37]) if width_x >= width_y else np.array([0.75, -0.55, 0.37])
@@ -115,7 +115,7 @@ def frame(vertices: NDArray[np.floating]) -> View:
 
 
 def round_length(most: float) -> float:
-    """Return the greatest of ..., 1, 2, 5, 10, 20, ... that is not above `most` > 0.
+    """Return the greatest number of ..., 1, 2, 5, 10, 20, ... up to `most` > 0.
 
     >>> [round_length(length) for length in (0.3, 1.0, 7.9, 49.0)]
     [0.2, 1.0, 5.0, 20.0]
@@ -124,10 +124,10 @@ def round_length(most: float) -> float:
     return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most * (1.0 + 1e-9)))
 
 
-def _drawn(
+def _render(
     points: NDArray[np.floating], view: View, add: Callable[[pyvista.Plotter], None], window: str
 ) -> dict[str, NDArray[Any]]:
-    """Return the PNG of what `add` puts into a plotter, all of it within the box of `points` (n, 3)."""
+    """Return a PNG of the objects that `add` adds to a plotter, all inside the bounding box of `points` (n, 3)."""
     if window:
         os.environ["VTK_DEFAULT_OPENGL_WINDOW"] = window
     import pyvista as pv
@@ -140,7 +140,7 @@ def _drawn(
     _light(plotter, length)
     _aim(plotter, view, length)
     _label(plotter, view, extent)
-    image = _shrunk(plotter.screenshot(None, return_img=True)[:, :, :3])
+    image = _downsample(plotter.screenshot(None, return_img=True)[:, :, :3])
     plotter.close()
     bar = round_length(_BAR_SHARE * view.width * view.mm_per_pixel)
     top = view.height - _MARGIN - _BAR_HEIGHT
@@ -182,7 +182,7 @@ def _light(plotter: pyvista.Plotter, length: float) -> None:
 
 
 def _aim(plotter: pyvista.Plotter, view: View, length: float) -> None:
-    """Point the camera so that the middle of the surface, at the origin, is amid the part above the foot."""
+    """Aim the camera so that the middle of the surface, at the origin, is in the middle of the part above the foot."""
     _, up, eye = view.axes
     focus = -up * (_FOOT / 2.0) * view.mm_per_pixel
     plotter.enable_parallel_projection()
@@ -203,7 +203,7 @@ def _label(plotter: pyvista.Plotter, view: View, size: Floats) -> None:
         actor.prop.justification_horizontal = align
 
 
-def _shrunk(image: Image) -> Image:
+def _downsample(image: Image) -> Image:
     height, width = image.shape[0] // _OVERSAMPLING, image.shape[1] // _OVERSAMPLING
     tiles = image.reshape(height, _OVERSAMPLING, width, _OVERSAMPLING, 3)
     mean: Floats = tiles.mean(axis=(1, 3))

@@ -1,4 +1,4 @@
-"""What a page shows of a solid: a copy of few triangles to turn about, and sections as drawings, by native code."""
+"""Views of a solid for the report page: a simplified copy for the 3-D view, and sections as SVG drawings."""
 
 from __future__ import annotations
 
@@ -14,24 +14,25 @@ Rings = list[Floats]
 AXES = "xyz"
 
 _TURNS = {"x": (0.0, -90.0, -90.0), "y": (90.0, 0.0, 90.0), "z": (0.0, 0.0, 0.0)}
-"""Degrees about x, y and z, in this order, that lay an axis along z, and the two after it (y, z; z, x) along x, y."""
+"""Degrees about x, y and z, in this order, that turn an axis to z, and the next two (y, z; z, x) to x and y."""
 
 ACROSS = {"x": "yz", "y": "xz", "z": "xy"}
-"""The axes of a section's plane as it is drawn, to the right and upward."""
+"""The axes of a section's drawing, to the right and upward."""
 
 _STEPS = 4000
-"""Parts of the longest side that a drawing tells apart: finer than a screen or a sheet of paper shows."""
+"""Resolution of a drawing, steps per longest side: finer than a screen or a sheet of paper shows."""
 
 _MARGIN, _FOOT, _LEAST_WIDTH = 0.03, 0.11, 0.45
-"""Room around a drawing, below it for its scale bar, and across for the words there, in the longest side."""
+"""Margin around a drawing, height of the foot with the scale bar, and least width for its text, in longest sides."""
 
 _BAR_SHARE = 0.2
 
 
 def simplify_surface(vertices: Floats, faces: Ints, *, triangles: int) -> dict[str, NDArray[np.generic]]:
-    """Return a surface of about so many triangles at most, by quadric collapse: `vertices` float32, `faces` int32.
+    """Return a surface of at most about `triangles` triangles: `vertices` float32, `faces` int32.
 
-    M. Garland, P. Heckbert, "Surface simplification using quadric error metrics", SIGGRAPH 1997. Fewer it leaves alone.
+    M. Garland, P. Heckbert, "Surface simplification using quadric error metrics", SIGGRAPH 1997. A surface with fewer
+    triangles is not simplified.
     """
     points, corners = vertices.astype(np.float32), faces.astype(np.int32)
     if len(corners) > triangles:
@@ -42,19 +43,19 @@ def simplify_surface(vertices: Floats, faces: Ints, *, triangles: int) -> dict[s
 
 
 def nearest_values(points: Floats, vertices: Floats, values: Floats) -> NDArray[np.float32]:
-    """Return at `points` (k, 3) the value of the nearest of `vertices` (n, 3), which have `values` (n,)."""
+    """Return at `points` (k, 3) the value of the nearest vertex; `vertices` (n, 3) have `values` (n,)."""
     from scipy.spatial import cKDTree
 
     _, nearest = cKDTree(vertices).query(points)
-    found: NDArray[np.float32] = values[nearest].astype(np.float32)
-    return found
+    nearest_value: NDArray[np.float32] = values[nearest].astype(np.float32)
+    return nearest_value
 
 
 def sections(vertices: Floats, faces: Ints, *, x: float, y: float, z: float) -> dict[str, NDArray[np.generic]]:
     """Return the rings of the sections of a closed, outward surface with planes across each axis, at x, y and z mm.
 
-    `points_x` (n, 2) mm are those of all rings at `x`, one ring after the other, in the axes that `ACROSS` names;
-    `sizes_x` (k,) are the lengths of the rings.
+    `points_x` (n, 2) mm are the points of all rings at `x`, ring after ring, along the axes in `ACROSS`; `sizes_x` (k,)
+    are the numbers of points of the rings.
     """
     body = to_manifold(vertices, faces, "section")
     answer: dict[str, NDArray[np.generic]] = {}
@@ -69,8 +70,8 @@ def sections(vertices: Floats, faces: Ints, *, x: float, y: float, z: float) -> 
 def section_svg(axis: str, place: float, box: Floats, solid: Rings, outer: Rings) -> str:
     """Return a drawing of a section across `axis` at `place` mm: the solid filled, the outer shape as a line.
 
-    `box` (2, 3) mm are the least and the greatest corner of the whole: the sections of one box have one scale. A scale
-    bar and the names of the axes stand below; colours follow the reader's choice of light or dark.
+    `box` (2, 3) mm are the least and the greatest corner of the whole: all sections of one box have the same scale. A
+    scale bar and the names of the axes are below; colours follow the viewer's light or dark mode.
     """
     sides = [AXES.index(other) for other in ACROSS[axis]]
     (left, low), (right, high) = box[:, sides].tolist()
@@ -100,7 +101,7 @@ def section_svg(axis: str, place: float, box: Floats, solid: Rings, outer: Rings
 
 
 def _path(points: Floats) -> str:
-    """Return a ring in whole steps as a closed path, each point relative to the one before; nothing for a speck."""
+    """Return a ring, rounded to whole steps, as a closed path of relative moves; an empty text if no area is left."""
     steps = np.rint(points).astype(np.int64)
     steps = steps[(steps != np.roll(steps, 1, axis=0)).any(axis=1)]
     if len(steps) < 3:  # two bound nothing

@@ -1,1 +1,1 @@
-"""Scalar fields whose level sets are scaffolds, on voxels and at points, and their certificate."""
+"""Scalar fields whose level sets are scaffolds, on voxels and at points, and the certificate of a field."""

@@ -1,4 +1,4 @@
-"""What a field is along and around segments: sampled, as no closed form of its extremes is known."""
+"""Extremes of a field along and around segments: found by sampling, as no closed form is known."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scaffold_geometry.arrays import Floats
 from scaffold_geometry.jit import parallel_kernel, prange
 
 FieldAt = Callable[[Floats], Floats]
-"""Gives the field at points (n, 3), (n,)."""
+"""The field as a function of points (n, 3), with values (n,)."""
 
 _SAMPLES = 9
 _REFINED = 250
@@ -19,7 +19,7 @@ _REFINEMENTS = 20
 _GOLDEN = (3.0 - 5.0**0.5) / 2.0
 
 _AT_ONCE = 100_000
-"""Segments that are sampled at once: points of more would need as much memory as the field."""
+"""Segments that are sampled at once: the points of more would need as much memory as the field."""
 
 _DIRECTIONS = 4
 _ANGLES = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
@@ -27,7 +27,7 @@ _ANGLES = 2.0 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
 
 @dataclass(frozen=True)
 class Rings:
-    """Rings of four points about a segment: at `places`, shares of it, with `radii`, mm."""
+    """Rings of four points around a segment: at `places`, shares of its length, with `radii`, mm."""
 
     places: tuple[float, ...]
     radii: tuple[float, ...]
@@ -38,10 +38,9 @@ def extremes_of(
 ) -> tuple[Floats, Floats]:
     """Return the greatest (`sign` = 1) or least (-1) s on each segment `starts`-`ends` (n, 3), and on its rings.
 
-    These are (n,) and, for each radius, (n, k). A segment is sampled at 9 points; the 250 that come out most extreme
-    also between the neighbours of their best point, by golden section and `precisely_at` where that is another way to
-    the field than `at`. Where a strut or channel is as thick as a ring all around, its extreme there is on its own side
-    of the iso-value.
+    They are (n,) and, for k radii, (n, k). Each segment is sampled at 9 points. On the 250 most extreme segments a
+    golden-section search follows around the best point, with `precisely_at` if given, a more precise form of `at`.
+    If a strut or channel is as thick as a ring all around, the extreme on the ring is on its side of the iso-value.
     """
     shares, shape = np.linspace(0.0, 1.0, _SAMPLES), (len(rings.places), len(rings.radii), _DIRECTIONS)
     places, radii, angles = (axis.ravel() for axis in np.meshgrid(rings.places, rings.radii, _ANGLES, indexing="ij"))
@@ -60,7 +59,7 @@ def extremes_of(
 
 
 def _points(starts: Floats, steps: Floats, shares: Floats, radii: Floats, angles: Floats) -> Floats:
-    """Return the points (n k, 3) at each of k shares of each segment, so far away from it in this direction."""
+    """Return the points (n k, 3) at k places on and around each segment: shares of length, radii and angles (k,)."""
     points = np.empty((len(starts), len(shares), 3))
     _fill_points(starts, steps, shares, radii * np.cos(angles), radii * np.sin(angles), points)
     return points.reshape(-1, 3)
@@ -82,7 +81,7 @@ def _fill_points(starts: Floats, steps: Floats, shares: Floats, right: Floats, u
 
 
 def _refine_maxima(value_at: Callable[[Floats], Floats], place: Floats) -> Floats:
-    """Return the greatest value found about each place, 0..1, the interval narrowed always in its longer part."""
+    """Return the greatest value near each place, 0..1, by golden-section search in the longer part of the interval."""
     reach = 1.0 / (_SAMPLES - 1)
     low, high = np.maximum(place - reach, 0.0), np.minimum(place + reach, 1.0)
     best = value_at(place)

@@ -3,7 +3,7 @@
 Elements are points and, where the field is anisotropic, segments (channels), in this order: vertices, face
 centres, cell centres, channels. Liu, Guo, Yu, "Porous Structure Design in Tissue Engineering Using Anisotropic
 Radial Basis Function". With segments the matrix A_ij = phi(d_ij) is symmetric but *indefinite*: no Cholesky, no
-conjugate gradients. A residual does not tell whether the field is of use, the number of negative eigenvalues
+conjugate gradients. A small residual does not show that the field is usable; the number of negative eigenvalues
 does.
 """
 
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 
 _MATRICES_AT_ONCE = 3  # the system, the eigensolver's copy of it and the eigenvectors
 _VECTORS_AT_ONCE = 50  # LAPACK's workspace
-_MARGIN = 10.0  # LAPACK's estimate of a condition number is seldom three times too small
+_MARGIN = 10.0  # LAPACK's estimate of the condition number is rarely too small by more than a factor of three
 
 
 @dataclass(frozen=True, eq=False)
 class Elements:
-    """Where a field is given: `points` (p, 3), segments from `starts` (h, 3) to `ends` (h, 3), mm."""
+    """The elements on which a field is prescribed: `points` (p, 3), segments from `starts` to `ends` (h, 3), mm."""
 
     points: Floats
     starts: Floats
@@ -53,11 +53,11 @@ class Elements:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The weights of a system, (n,), and what is known of how good they are.
+    """The weights of a system, (n,), and measures of their quality.
 
-    `rank` counts the eigenvalues above n eps max|eigenvalue|, the usual rule (numpy's `matrix_rank`); where it is
-    below `unknowns`, there is no interpolant and the weights are the least-squares ones of least norm.
-    `expected_negative_eigenvalues` is None where no law is known. `condition` is LAPACK's estimate in the
+    `rank` counts the eigenvalues above n eps max|eigenvalue|, the usual rule (numpy's `matrix_rank`); if it is less
+    than `unknowns`, there is no interpolant and the weights are the least-squares solution of least norm.
+    `expected_negative_eigenvalues` is None if no rule is known. `condition` is LAPACK's estimate in the
     1-norm. `residual` is max|A w - u|.
     """
 
@@ -71,12 +71,12 @@ class Solution:
 
     @property
     def is_full_rank(self) -> bool:
-        """Whether the field takes the given values on all elements."""
+        """Whether the field has the prescribed values on all elements."""
         return self.rank == self.unknowns
 
     @property
     def has_expected_inertia(self) -> bool:
-        """Whether the number of negative eigenvalues is the one of a healthy system, as far as it is known."""
+        """Whether the number of negative eigenvalues is that of a regular system, if this is known."""
         return self.expected_negative_eigenvalues in {None, self.negative_eigenvalues}
 
 
@@ -87,7 +87,7 @@ def elements_of(skeleton: Skeleton) -> Elements:
 
 
 def points_of(skeleton: Skeleton) -> Elements:
-    """Return the elements of the isotropic field: those of the paper without its channels."""
+    """Return the elements of the isotropic field: those of the paper without the channels."""
     return replace(elements_of(skeleton), starts=np.empty((0, 3)), ends=np.empty((0, 3)))
 
 
@@ -98,22 +98,22 @@ def values_of(skeleton: Skeleton) -> Floats:
     return values
 
 
-def with_edges(skeleton: Skeleton, elements: Elements, values: Floats) -> tuple[Elements, Floats]:
-    """Return the elements and their values with the mesh edges at +1 after all others; not in the paper."""
+def add_edges(skeleton: Skeleton, elements: Elements, values: Floats) -> tuple[Elements, Floats]:
+    """Return the elements and values with the mesh edges appended at +1; not in the paper."""
     struts = skeleton.vertices[skeleton.edges]
     starts, ends = np.concatenate([elements.starts, struts[:, 0]]), np.concatenate([elements.ends, struts[:, 1]])
     return Elements(elements.points, starts, ends), np.concatenate([values, np.ones(len(struts))])
 
 
 def estimate_memory(unknowns: int) -> int:
-    """Return the bytes that `assemble` and `solve` need at most for so many unknowns."""
+    """Return the greatest number of bytes that `assemble` and `solve` need for this number of unknowns."""
     return (_MATRICES_AT_ONCE * unknowns + _VECTORS_AT_ONCE) * unknowns * np.dtype(np.float64).itemsize
 
 
 def expected_negative_eigenvalues(basis: str, points: int, segments: int) -> int | None:
-    """Return how many negative eigenvalues a healthy system of elements has; None where no law is known.
+    """Return the number of negative eigenvalues of a regular system of elements; None if no rule is known.
 
-    Inverse multiquadric: one a segment. Points alone, all distinct: the Gaussian and the inverse multiquadric are
+    Inverse multiquadric: one per segment. Points only, all distinct: the Gaussian and the inverse multiquadric are
     positive definite, the multiquadric has one positive eigenvalue (Micchelli, "Interpolation of scattered data:
     distance matrices and conditionally positive definite functions", Constr. Approx. 2 (1986)).
     """
@@ -134,7 +134,7 @@ def assemble(elements: Elements, basis: str, distance_definition: str, c: float)
 
 
 def evaluate(xs: Floats, ys: Floats, zs: Floats, elements: Elements, weights: Floats, basis: str, c: float) -> Floats:
-    """Return s, (n,), at the points of coordinates `xs`, `ys`, `zs` (n,) each, mm."""
+    """Return s, (n,), at the points with the coordinates `xs`, `ys`, `zs` (n,) each, mm."""
     values = np.empty(len(xs))
     fill_points(np.stack([xs, ys, zs]), *_summands(elements, weights, basis, c), values)
     return values
@@ -144,7 +144,7 @@ def evaluate_on_grid(
     axes: tuple[Floats, Floats, Floats], near: Bools,
     elements: Elements, weights: Floats, basis: str, c: float, values: NDArray[np.floating],
 ) -> None:  # fmt: skip
-    """Put s into `values` (nx, ny, nz), of either precision, where `near` (nx, ny, nz); `axes` are x, y and z, mm."""
+    """Write s into `values` (nx, ny, nz), single or double precision, where `near` is true; `axes` are x, y, z, mm."""
     xs, ys, zs = (np.array(axis, np.float64) for axis in axes)
     rows = np.flatnonzero(near.any(axis=2))
     fill_rows(spread(rows), xs, ys, zs, near, *_summands(elements, weights, basis, c), values)
@@ -153,16 +153,16 @@ def evaluate_on_grid(
 def _summands(
     elements: Elements, weights: Floats, basis: str, c: float
 ) -> tuple[Floats, Floats, Floats, int, float, float]:
-    """Return points, frames, scaled weights, basis, shift and c: what the kernels of sums take."""
+    """Return the arguments of the summation kernels: points, frames, scaled weights, basis, shift and c."""
     number = BASES[basis]
     points, frames = np.array(elements.points.T, order="C"), frames_of(elements.starts, elements.ends)
     return points, frames, weights / scale_of(number), number, shift_of(number, c), c
 
 
 def _coordinates(elements: Elements) -> tuple[Floats, Floats, Floats]:
-    """Return points, starts and ends as (3, n) each: rows of x, y, z can be read as vectors, rows of points cannot.
+    """Return points, starts and ends as (3, n) each: contiguous x, y and z can be read as vectors.
 
-    They are copies because numba compiles a kernel once more for a locked array.
+    They are copies because numba compiles a kernel once more for a read-only array.
     """
     points, starts, ends = (
         np.array(corners.T, order="C") for corners in (elements.points, elements.starts, elements.ends)
@@ -171,11 +171,11 @@ def _coordinates(elements: Elements) -> tuple[Floats, Floats, Floats]:
 
 
 def solve(matrix: Floats, values: Floats, expected_negative: int | None = None) -> Solution:
-    """Solve A w = u for the symmetric `matrix` (n, n) and `values` (n,); least squares where rank is missing.
+    """Solve A w = u for the symmetric `matrix` (n, n) and `values` (n,); by least squares if A is rank deficient.
 
     L D L^T with symmetric pivoting (Bunch, Kaufman 1977), which has A's inertia (Sylvester), and one step of
-    refinement. Where by the estimate of its condition A may lack rank, its eigenvalues decide: that is several
-    times slower.
+    refinement. If the estimated condition number allows a rank deficiency, the eigenvalues are computed, which is
+    several times slower.
     """
     from scipy.linalg import lapack
 
@@ -197,7 +197,7 @@ def solve(matrix: Floats, values: Floats, expected_negative: int | None = None) 
 
 
 def _negative_pivots(factor: Floats, pivots: NDArray[np.int32]) -> int:
-    """Count the negative eigenvalues of D: LAPACK marks a 2x2 pivot by two negative indices; it has one."""
+    """Count the negative eigenvalues of D: one for each 2x2 pivot, which LAPACK marks by two negative indices."""
     single = pivots > 0
     return int((np.diag(factor)[single] < 0.0).sum()) + int((~single).sum()) // 2
 
@@ -219,9 +219,9 @@ def _least_squares(matrix: Floats, values: Floats) -> tuple[Floats, int, int]:
 def _fill(
     points: Floats, starts: Floats, ends: Floats, basis: int, distance_definition: int, c: float, matrix: Floats
 ) -> None:
-    """Fill `matrix` (n, n): each pair once, for both of its places, so that it is symmetric to the bit.
+    """Fill `matrix` (n, n): each pair is computed once, so that the matrix is symmetric to the last bit.
 
-    Row i has n - i pairs: rows i and n - 1 - i are done together, so that threads get equal shares.
+    Row i has n - i pairs: rows i and n - 1 - i are computed together, so that threads get equal work.
     """
     count = len(matrix)
     for i in prange((count + 1) // 2):
@@ -234,7 +234,7 @@ def _fill(
 def _fill_row(
     i: int, points: Floats, starts: Floats, ends: Floats, basis: int, distance_definition: int, c: float, matrix: Floats
 ) -> None:
-    """Fill row i of `matrix` from its diagonal, and column i with it; coordinates are (3, p) and (3, h)."""
+    """Fill row i of `matrix` from its diagonal on, and column i; coordinates are (3, p) and (3, h)."""
     (px, py, pz), (ax, ay, az), (bx, by, bz) = points, starts, ends
     for j in range(i, len(matrix)):
         k, m = i - len(px), j - len(px)

@@ -1,11 +1,11 @@
-"""Sums over points and segments, s(x) = sum_i w_i phi(d(x, element_i)), on a grid and at loose points.
+"""Sums over points and segments, s(x) = sum_i w_i phi(d(x, element_i)), on a grid and at scattered points.
 
-Points of a grid's row along z share what depends on x and y alone. With a frame of its own for each segment
-(`frames_of`), a pair then takes 20 vector operations, 14 where the element is a point; none of them is a root or a
-quotient, but for the thin-plate spline's.
+The points of a grid row along z share the terms that depend on x and y only. With an orthonormal frame for each segment
+(`frames_of`), a pair then takes 20 vector operations, or 14 if the element is a point; except for the thin-plate
+spline, none is a square root or a division.
 
-Every sum runs over the elements in their order and every lane is computed by the same instructions: neither threads
-nor the way in which points are cut into blocks change a bit.
+Every sum runs over the elements in their order, and every lane is computed by the same instructions: no bit depends on
+the number of threads or on the division of the points into blocks.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ from scaffold_geometry.fields.segment_distances import squared_in_frame
 from scaffold_geometry.jit import kernel, parallel_kernel, prange
 
 LANES = 16
-"""Points that are summed at once, always as many: none is a remainder, and loops over them become whole vectors."""
+"""Points that are summed at once; the number is fixed, so that the loops over them are compiled to whole vectors."""
 
 _AT_ONCE = 64 * LANES
-"""Loose points that a thread takes at once."""
+"""Scattered points that a thread takes at once."""
 
 _CACHE_LINE = 64
-"""Bytes; vectors that lie across two lines took half as long again."""
+"""Bytes; vectors across two cache lines took 1.5 times as long."""
 
 _FUSED = frozenset({"contract"})
-"""Fused multiply-add, and nothing that reorders a sum."""
+"""Fused multiply-add; nothing that reorders a sum."""
 
 
 @parallel_kernel
@@ -44,7 +44,7 @@ def fill_rows(
     rows: Ints, xs: Floats, ys: Floats, zs: Floats, near: Bools,
     points: Floats, frames: Floats, weights: Floats, basis: int, shift: float, c: float, values: NDArray[Any],
 ) -> None:  # fmt: skip
-    """Put s into `values` (nx, ny, nz) where `near` (nx, ny, nz), in the `rows` i * ny + j, rows in parallel.
+    """Write s into `values` (nx, ny, nz) where `near` (nx, ny, nz) is true, in the `rows` i * ny + j, in parallel.
 
     `points` are (3, p), `frames` (12, h) and `weights` (p + h,); `shift` is added to every squared distance.
     """
@@ -67,7 +67,7 @@ def fill_points(
     xyz: Floats,
     points: Floats, frames: Floats, weights: Floats, basis: int, shift: float, c: float, values: Floats,
 ) -> None:  # fmt: skip
-    """Put s at the points `xyz` (3, n) into `values` (n,); the rest as in `fill_rows`."""
+    """Write s at the points `xyz` (3, n) into `values` (n,); other arguments as in `fill_rows`."""
     for number in prange((len(values) + _AT_ONCE - 1) // _AT_ONCE):
         scratch = _allocate_aligned(4 * LANES)
         high = min((number + 1) * _AT_ONCE, len(values))
@@ -82,7 +82,7 @@ def fill_points(
 
 @kernel
 def _allocate_aligned(count: int) -> Floats:
-    """Return an array (count,) that starts at a cache line."""
+    """Return an array (count,) that starts at the beginning of a cache line."""
     room = np.empty(count + _CACHE_LINE // 8)
     first = -room.ctypes.data % _CACHE_LINE // 8
     return room[first : first + count]
@@ -90,10 +90,10 @@ def _allocate_aligned(count: int) -> Floats:
 
 @kernel(fastmath=_FUSED)
 def _look_across(x: float, y: float, points: Floats, frames: Floats, shift: float, across: Floats) -> None:
-    """Fill `across` (3, p + h) with the parts of distances that x and y decide.
+    """Fill `across` (3, p + h) with the parts of the distances that depend on x and y only.
 
-    Row 0: for a point, its squared distance as seen along z; for a segment, `beside` squared; plus `shift`. Rows 1 and
-    2: the segments' `over` and `along`, but for what z adds.
+    Row 0: for a point, the squared distance in the xy plane; for a segment, `beside` squared; plus `shift`. Rows 1 and
+    2: the segments' `over` and `along`, without the part of z.
     """
     first = points.shape[1]
     for n in range(first):
@@ -111,7 +111,7 @@ def _look_across(x: float, y: float, points: Floats, frames: Floats, shift: floa
 def _sum_in_row(
     scratch: Floats, across: Floats, points: Floats, frames: Floats, weights: Floats, basis: int, c: float
 ) -> None:
-    """Sum as `_sum_row` does; in each copy of it the basis is a constant, and its loops become vectors."""
+    """Sum as `_sum_row` does, with the basis as a constant in each copy, so that its loops are vectorised."""
     if basis == GAUSSIAN:
         _sum_row(scratch, across, points, frames, weights, GAUSSIAN, c)
     elif basis == MULTIQUADRIC:
@@ -126,9 +126,9 @@ def _sum_in_row(
 def _sum_row(
     scratch: Floats, across: Floats, points: Floats, frames: Floats, weights: Floats, basis: int, c: float
 ) -> None:
-    """Put s of `LANES` points of a row into the second half of `scratch` (2 LANES,), of their z in the first.
+    """Write s of `LANES` points of a row into the second half of `scratch` (2 LANES,); their z is in the first half.
 
-    One array holds both because LLVM then sees that they do not overlap, and keeps the sums in registers.
+    One array holds both: LLVM then knows that they do not overlap, and keeps the sums in registers.
     """
     first = points.shape[1]
     for lane in range(LANES):
@@ -152,7 +152,7 @@ def _sum_row(
 def _sum_at_points(
     scratch: Floats, points: Floats, frames: Floats, weights: Floats, basis: int, shift: float, c: float
 ) -> None:
-    """Sum as `_sum_points` does; in each copy of it the basis is a constant, and its loops become vectors."""
+    """Sum as `_sum_points` does, with the basis as a constant in each copy, so that its loops are vectorised."""
     if basis == GAUSSIAN:
         _sum_points(scratch, points, frames, weights, GAUSSIAN, shift, c)
     elif basis == MULTIQUADRIC:
@@ -167,7 +167,7 @@ def _sum_at_points(
 def _sum_points(
     scratch: Floats, points: Floats, frames: Floats, weights: Floats, basis: int, shift: float, c: float
 ) -> None:
-    """Put s of `LANES` points into the last quarter of `scratch` (4 LANES,), of their x, y and z in the others."""
+    """Write s of `LANES` points into the last quarter of `scratch` (4 LANES,); their x, y and z are in the others."""
     first = points.shape[1]
     for lane in range(LANES):
         scratch[3 * LANES + lane] = 0.0

@@ -1,4 +1,4 @@
-"""A field that takes given values on points and segments: a dense system, and whether its solution is sound."""
+"""A field with prescribed values on points and segments: a dense linear system, and checks of its solution."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 Basis = Literal["gaussian", "multiquadric", "inverse_multiquadric", "thin_plate_spline"]
 
 DEFAULT_C = 0.1
-"""What the paper takes."""
+"""The value in the paper."""
 
 LEAST_C, MOST_C = 1e-9, 1e6
-"""Beyond, digits are lost."""
+"""Outside of this range digits are lost."""
 
 MOST_UNKNOWNS = 8000
-"""Above this the published form has long lost its field on any mesh, and the solver takes many minutes."""
+"""Above this number the published form gives no usable field on any mesh, and the solver takes many minutes."""
 
 _USUAL = 2.0
-"""Greatest |s| of a healthy exact field: small meshes of the paper reach 1.8."""
+"""Greatest |s| of a usable exact field: small meshes of the paper reach 1.8."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """How elements are interpolated: the basis and its c, the definition of the distance between two segments.
+    """The method of interpolation: the basis and its c, and the definition of the distance between two segments.
 
-    `name` is what it is called in messages, `remedy` what to use where it fails.
+    `name` is its name in messages, `remedy` the alternative if it fails.
     """
 
     name: str
@@ -49,9 +49,9 @@ class Method:
 
 
 def interpolate(elements: Elements, targets: Floats, method: Method) -> MeshField:
-    """Return the field that takes the values `targets` (n,) on the elements; raises `StageError` where n is too many.
+    """Return the field with the values `targets` (n,) on the elements; raises `StageError` if n is too large.
 
-    Where there is no such field, it is the least-squares one of least norm, and its judge says so.
+    If no such field exists, the least-squares field of least norm is returned, and its `judge` warns.
     """
     from scaffold_geometry.fields import interpolant
 
@@ -99,39 +99,35 @@ def _facts(solution: Solution) -> dict[str, Fact]:
 def _require_memory(unknowns: int, method: Method) -> None:
     from scaffold_geometry.fields.interpolant import estimate_memory
 
-    needed, there = estimate_memory(unknowns), available_memory()
-    if needed > there or unknowns > MOST_UNKNOWNS:
+    needed, free = estimate_memory(unknowns), available_memory()
+    if needed > free or unknowns > MOST_UNKNOWNS:
         raise StageError(
             f"{method.name} has {unknowns} unknowns here, which need {needed / 2**30:.1f} GiB "
-            f"({there / 2**30:.1f} GiB are free) and must be at most {MOST_UNKNOWNS}; use {method.remedy}, "
+            f"({free / 2**30:.1f} GiB are free) and must be at most {MOST_UNKNOWNS}; use {method.remedy}, "
             "or a coarser mesh"
         )
 
 
 def _warn_of_health(method: Method, solution: Solution, greatest: float) -> None:
-    """Warn where the interpolant is no field to trust; `greatest` is |s| at most.
+    """Warn if the interpolant is not usable; `greatest` is the greatest |s|.
 
-    A residual check would catch none of this, and the inertia and the skeleton alone miss 4^3 and 5^3 even cubes,
-    between whose channels the exact s reaches 3.8 and 13.
+    A check of the residual finds none of these cases. The inertia and the skeleton alone miss regular blocks of 4^3 and
+    5^3 cubes, where the exact s reaches 3.8 and 13 between the channels.
     """
     if not solution.is_full_rank:
-        is_met = not round(solution.residual, 6)  # rounding leaves 1e-12, a missing interpolant some 0.1
+        is_met = not round(solution.residual, 6)  # rounding leaves 1e-12, a missing interpolant about 0.1
         what = "several interpolants exist, as elements coincide" if is_met else "no interpolant exists"
-        _warn(
+        warn(
             f"{method.name}: {what} (rank {solution.rank} of {solution.unknowns}); this is the least-squares "
             f"field of least norm, off by up to {solution.residual:.2g} on the elements"
         )
     if not solution.has_expected_inertia:
-        _warn(
-            f"{method.name}: the system has {solution.negative_eigenvalues} negative eigenvalues, a healthy one "
-            f"{solution.expected_negative_eigenvalues}; the field is not to be trusted: use {method.remedy}"
+        warn(
+            f"{method.name}: the system has {solution.negative_eigenvalues} negative eigenvalues, a regular one has "
+            f"{solution.expected_negative_eigenvalues}; the field is not reliable: use {method.remedy}"
         )
     if greatest > _USUAL:
-        _warn(
+        warn(
             f"{method.name}: |s| reaches {greatest:.3g}, far from the values given on the skeleton (-1 and 1); use "
             f"{method.remedy}"
         )
-
-
-def _warn(message: str) -> None:
-    warn(message)

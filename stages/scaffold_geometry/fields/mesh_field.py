@@ -1,4 +1,4 @@
-"""The field of a mesh: ready to be computed, then on voxels over an outer shape, with its certificate."""
+"""The field of a mesh, sampled on voxels over an outer shape, with its certificate."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from scaffold_geometry.fields.skeleton import Skeleton
 
 _THROATS, _WAISTS = (0.7, 1.0), (0.35, 0.65)
-"""Where along a channel, towards its face, and along a strut its thickness is looked at."""
+"""Places at which the thickness is checked: along a channel, from cell to face, and along a strut; shares of length."""
 
 
 @dataclass(frozen=True, eq=False)
 class MeshField:
-    """A field that is ready to be computed: on voxels, float32, and at points (n, 3) mm, (n,), many in less time.
+    """A field as functions: of voxels (float32) and of points (n, 3) mm with values (n,); `at_many` is the faster one.
 
-    `judge` warns where the field is none to trust; it is given the greatest |s| found.
+    `judge` takes the greatest |s| found, and warns if the field is not reliable.
     """
 
     on_voxels: Callable[[Voxels], NDArray[np.float32]]
@@ -39,9 +39,9 @@ class MeshField:
 def sample_mesh_field(
     mesh: CellMesh, outer: OuterShape | None, params: SamplingParams, field_of: Callable[[Skeleton], MeshField]
 ) -> ScalarField:
-    """Return the field that `field_of` makes of the mesh's skeleton, on voxels over the outer shape, certified.
+    """Return the field that `field_of` makes from the mesh's skeleton, on voxels over the outer shape, certified.
 
-    Samples more than two voxels outside the outer shape are void (-1). A planar mesh can do without one; its samples
+    Samples more than two voxels outside the outer shape are void (-1). A planar mesh needs no outer shape; its samples
     are one layer in its plane.
 
     Parameters
@@ -70,14 +70,14 @@ def sample_mesh_field(
 
     points = np.empty((0, 3)) if params.points is None else read_points(params.points)
     if outer is None and not mesh.IS_PLANAR:
-        raise StageError("outer: only a planar mesh can do without an outer shape; add a stage that writes `outer`")
+        raise StageError("outer: is required unless the mesh is planar; add a stage that writes `outer`")
     outer = outer or OuterShape(*slab_around(mesh.vertices, mesh.cells))
     voxels = voxels_over(outer, params, plane=float(mesh.vertices[0, 2]) if mesh.IS_PLANAR else None)
     skeleton = skeleton_of(mesh.vertices, mesh.cells)
     field = field_of(skeleton)
     values = field.on_voxels(voxels)
     values[~voxels.near] = -1.0
-    values.setflags(write=False)  # or the artifact would copy it
+    values.setflags(write=False)  # the artifact does not copy a read-only array
     certificate = _certificate(skeleton, field, voxels.spacing)
     if field.judge:
         on_skeleton = max(np.abs(certificate.channel_maxima).max(), np.abs(certificate.strut_minima).max())
@@ -86,7 +86,7 @@ def sample_mesh_field(
 
 
 def _certificate(skeleton: Skeleton, field: MeshField, spacing: float) -> Certificate:
-    """Return the extremes of a field along every channel and strut, and around them at a voxel and parts of it."""
+    """Return the extremes of a field along every channel and strut, and on rings around them of up to one voxel."""
     from scaffold_geometry.fields.certificate import Rings, extremes_of
 
     ends, radii = skeleton.vertices[skeleton.edges], tuple(spacing * share for share in Certificate.RING_SHARES)

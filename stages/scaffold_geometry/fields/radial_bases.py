@@ -1,12 +1,12 @@
-"""The radial basis functions, each of the *squared* distance r^2: most need no root.
+"""The radial basis functions, each of the *squared* distance r^2: most need no square root.
 
 Hardy, "Multiquadric equations of topography and other irregular surfaces", J. Geophys. Res. 76 (1971). Duchon,
 "Splines minimizing rotation-invariant semi-norms in Sobolev spaces" (1977). Franke, "Scattered data
 interpolation: tests of some methods", Math. Comp. 38 (1982). Liu, Guo, Yu (see `interpolant.py`) use the inverse
 multiquadric with c = 0.1.
 
-exp, ln and, for long sums, 1/sqrt are made of IEEE operations here instead of a library's calls: loops of them become
-vectors, and their digits do not depend on the library.
+exp, ln and, for long sums, 1/sqrt are computed by IEEE operations here and not by a library: loops over them are
+vectorised, and their digits do not depend on the library.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 from scaffold_geometry.jit import kernel
 
 _FUSED = frozenset({"contract"})
-"""Fused multiply-add, and nothing that reorders a sum."""
+"""Fused multiply-add; nothing that reorders a sum."""
 
 GAUSSIAN, MULTIQUADRIC, INVERSE_MULTIQUADRIC, THIN_PLATE_SPLINE = range(4)
 
@@ -33,30 +33,30 @@ BASES = {
 _ROOTS = {MULTIQUADRIC, INVERSE_MULTIQUADRIC}
 
 ROOT_SCALE = -64.0
-"""What `scaled_reciprocal_root` is multiplied by: a power of two, so that to divide by it rounds nothing."""
+"""Scale of `scaled_reciprocal_root`: a power of two, so that division by it is exact."""
 
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 0.6931471803691238, 1.9082149292705877e-10
-"""ln 2 in two parts (Cody, Waite 1980): the first has so few digits that an exponent times it is exact."""
+"""ln 2 in two parts (Cody, Waite 1980): the first has few digits, so that its product with an exponent is exact."""
 
 _TO_INTEGER = 1.5 * 2.0**52
-"""Added to a number, it leaves the nearest integer in the last bits."""
+"""Adding it to a number puts the nearest integer into the last bits."""
 
 _LEAST_EXPONENT = -708.0
-"""exp of less would leave the normal numbers."""
+"""exp of a smaller number is subnormal."""
 
 _ROOT_HALF = 0x3FE6A09E667F3BCD
 """The bits of sqrt(1/2)."""
 
 _LEAST_SHIFT = 1e-290
-"""Least c^2 of a sum: the powers of its reciprocal root stay in range."""
+"""Least c^2 of a sum: the powers of its reciprocal square root stay in range."""
 
 
 @kernel(inline=True, fastmath=_FUSED)
 def exponential(x: float) -> float:
-    """Return exp(x) for x <= 0 within 3e-16 of it, relative; exp(-708) for less.
+    """Return exp(x) for x <= 0 with a relative error below 3e-16; exp(-708) for x < -708.
 
-    2^n exp(r), |r| <= ln(2)/2, and Taylor's series of exp(r), even and odd powers apart: half as long to wait for.
+    2^n exp(r), |r| <= ln(2)/2, and Taylor's series of exp(r), even and odd powers apart, which halves the latency.
     """
     x = max(x, _LEAST_EXPONENT)
     shifted = x * _LOG2_E + _TO_INTEGER
@@ -72,7 +72,7 @@ def exponential(x: float) -> float:
 
 @kernel(inline=True, fastmath=_FUSED)
 def logarithm(x: float) -> float:
-    """Return ln(x) for a normal x > 0 within 4e-16 of it, relative; a finite number for less.
+    """Return ln(x) for a normal x > 0 with a relative error below 4e-16; a finite number for smaller x.
 
     n ln 2 + 2 artanh((m - 1) / (m + 1)), sqrt(1/2) <= m < sqrt(2), and the series of artanh.
     """
@@ -89,13 +89,13 @@ def logarithm(x: float) -> float:
 
 @kernel(inline=True, fastmath=_FUSED)
 def scaled_reciprocal_root(x: float) -> float:
-    """Return `ROOT_SCALE` / sqrt(x) for 1e-290 <= x <= 1e290, within 5e-16 of it, relative.
+    """Return `ROOT_SCALE` / sqrt(x) for 1e-290 <= x <= 1e290 with a relative error below 5e-16.
 
-    A root and a quotient take 40 cycles a vector of 512 bits, these 11 operations 6. Halving the exponent among the
-    bits (Lomont, "Fast inverse square root", 2003) gives y with x y^2 in [3/4, 27/32]. The quadratic of least error
-    brings that, but for a factor, to 1 within 5e-5, and Taylor's cubic to 1 within 2e-18. Both have leading
-    coefficient 1 and are written about the point where one coefficient more is 0: the factors left out make up the
-    scale, and the quadratic's, 0.05^(1/7) instead of 0.663, is chosen so that it is a power of two.
+    A square root and a division take 40 cycles per vector of 512 bits, these 11 operations 6. Halving the exponent bits
+    (Lomont, "Fast inverse square root", 2003) gives y with x y^2 in [3/4, 27/32]. Up to a factor, the quadratic of
+    least error brings this to 1 within 5e-5, and Taylor's cubic to 1 within 2e-18. Both polynomials have the leading
+    coefficient 1, and are centred so that one more coefficient is 0. The omitted factors make up the scale; the
+    quadratic's is 0.05^(1/7) instead of 0.663, so that the scale is a power of two.
     """
     y = np.int64(0x5FE4000000000000 - (np.float64(x).view(np.int64) >> 1)).view(np.float64)
     t = x * (y * y) - 1.33708
@@ -141,18 +141,18 @@ def radial_basis(basis: int, squared: float, c: float) -> float:
 
 
 def shift_of(basis: int, c: float) -> float:
-    """Return what `summand` wants added to the squared distance: c^2, or nothing."""
+    """Return the number that is added to the squared distance for `summand`: c^2, or 0."""
     return max(c * c, _LEAST_SHIFT) if basis in _ROOTS else 0.0
 
 
 def scale_of(basis: int) -> float:
-    """Return what `summand` is phi times."""
+    """Return the factor between `summand` and phi."""
     return ROOT_SCALE if basis in _ROOTS else 1.0
 
 
 @kernel(inline=True, fastmath=_FUSED)
 def summand(basis: int, shifted: float, c: float) -> float:
-    """Return `scale_of(basis)` phi(r), of r^2 + `shift_of(basis, c)`: what a sum of many terms is made of."""
+    """Return `scale_of(basis)` phi(r), the term of a long sum, from `shifted` = r^2 + `shift_of(basis, c)`."""
     if basis == GAUSSIAN:
         return gaussian(shifted, c)
     if basis == MULTIQUADRIC:

@@ -1,6 +1,6 @@
-"""Squared distances, mm^2, between points and segments, scalars in and out; a segment may have no length.
+"""Squared distances, mm^2, between points and segments, as functions of scalars; a segment may have length 0.
 
-Points are three scalars, segments six: the start's, then the end's.
+A point is three scalars, a segment six: its start, then its end.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from scaffold_geometry.jit import kernel
 ENDPOINT, ENDPOINT_TO_SEGMENT, EXACT = range(3)
 
 DISTANCE_DEFINITIONS = {"endpoint": ENDPOINT, "endpoint-to-segment": ENDPOINT_TO_SEGMENT, "exact": EXACT}
-"""What "the distance of two segments" is read as, and its number in kernels."""
+"""The definitions of the distance between two segments, and their numbers in kernels."""
 
 
 @kernel(inline=True)
@@ -39,8 +39,9 @@ def squared_point_segment(
 def frames_of(starts: Floats, ends: Floats) -> Floats:
     """Return an orthonormal frame for each segment of `starts` and `ends` (n, 3), mm, as rows of (12, n).
 
-    0 to 2: its start (the middle would be rounded). 3 and 4: x and y of the axis `beside`, which is level. 5 to 7: the
-    axis `over`. 8 to 10: the axis along the segment. 11: its length. One of no length has the axes of the space.
+    0 to 2: the start (the midpoint would be rounded). 3 and 4: x and y of the axis `beside`, which is horizontal. 5 to
+    7: the axis `over`. 8 to 10: the axis along the segment. 11: the length. A segment of length 0 has the coordinate
+    axes.
     """
     steps = ends - starts
     scales = np.abs(steps).max(axis=1, keepdims=True, initial=0.0)
@@ -56,9 +57,9 @@ def frames_of(starts: Floats, ends: Floats) -> Floats:
 
 @kernel(inline=True, fastmath=frozenset({"contract"}))
 def squared_in_frame(beside2: float, over: float, along: float, length: float) -> float:
-    """Return the squared distance of a point from a segment of a frame, of the point's coordinates in the frame.
+    """Return the squared distance of a point from a segment, from the point's coordinates in the segment's frame.
 
-    The first of them is given squared: on a row of a grid along z, it is one number.
+    The first coordinate is passed squared: it is constant along a grid row in z.
     """
     beyond = max(along - length, min(along, 0.0))
     return beside2 + over * over + beyond * beyond
@@ -69,7 +70,7 @@ def squared_endpoint(
     ax: float, ay: float, az: float, bx: float, by: float, bz: float,
     cx: float, cy: float, cz: float, dx: float, dy: float, dz: float,
 ) -> float:  # fmt: skip
-    """Return the least squared distance of an end of segment ab from an end of cd: the paper's text."""
+    """Return the least squared distance of an end of segment ab from an end of cd, as in the paper's text."""
     return min(
         squared_point_point(ax, ay, az, cx, cy, cz),
         squared_point_point(ax, ay, az, dx, dy, dz),
@@ -85,7 +86,7 @@ def squared_endpoint_to_segment(
 ) -> float:  # fmt: skip
     """Return the least squared distance of an end of either segment, ab or cd, from the other segment.
 
-    What the paper's authors computed with. Only where the interiors come nearest is it not the distance.
+    The paper's authors computed with it. It is the true distance unless the nearest points are both interior.
     """
     return min(
         squared_point_segment(ax, ay, az, cx, cy, cz, dx, dy, dz),
@@ -102,9 +103,9 @@ def squared_exact(
 ) -> float:  # fmt: skip
     """Return the squared distance of segments ab and cd.
 
-    |a + s (b - a) - c - t (d - c)|^2 is convex over the unit square of s and t: it is least on the boundary,
+    |a + s (b - a) - c - t (d - c)|^2 is convex over the unit square of s and t: its minimum is on the boundary,
     where an end is nearest, or where both derivatives are zero. For nearly parallel segments that point is
-    ill-determined, but the distance of any point of ab from cd is never below the true one.
+    ill-conditioned, but the distance of any point of ab from cd is never less than the true distance.
     """
     least = squared_endpoint_to_segment(ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz)
     ux, uy, uz = bx - ax, by - ay, bz - az

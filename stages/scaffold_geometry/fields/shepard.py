@@ -2,14 +2,14 @@
 
     s(x) = sum_i u_i k_i(d_i(x)) / sum_i k_i(d_i(x)),   k_i(r) = (r^2 + (c h_i)^2)^(-p/2) max(0, 1 - (r / (R h_i))^2)^2
 
-over struts (u = +1) and channels (u = -1), d_i the distance to segment i and h_i the edge length of the mesh around
-it: the generalised inverse multiquadric with compact support. A point that no segment reaches has s = -1 (void).
+over struts (u = +1) and channels (u = -1), with the distance d_i to segment i and the mesh's local edge length h_i: the
+generalised inverse multiquadric with compact support. A point out of reach of all segments has s = -1 (void).
 
 Shepard, "A two-dimensional interpolation function for irregularly-spaced data" (1968); Franke, Nielson, "Smooth
 interpolation of large sets of scattered data", IJNME 15 (1980); the anisotropic distance is that of Liu, Guo, Yu.
 
-Sums run over the segments in one fixed order, and a segment out of reach adds an exact zero: how segments are listed
-and how many threads work changes no bit. This file has the field at points, `shepard_grid` that on voxels.
+Sums run over the segments in a fixed order, and a segment out of reach adds an exact zero: no bit depends on the lists
+of segments or on the number of threads. This module computes the field at points, `shepard_grid` on voxels.
 """
 
 from __future__ import annotations
@@ -32,33 +32,33 @@ if TYPE_CHECKING:
 
 
 Power = tuple[None, ...]
-"""p / 2 as so many Nones: a length is part of a type, so that each has machine code of its own without a branch."""
+"""p / 2 as a tuple of that length: numba compiles separate code for each length, without a branch."""
 
 _LANES = 16
-"""Points that are summed at once: always as many, so that each is computed by the same instructions."""
+"""Points that are summed at once; the number is fixed, so that all are computed by the same instructions."""
 
 _PARTS = 4
-"""Parts of a box along each axis: points in one part, or in parts side by side, are summed at once."""
+"""Parts of a box along each axis: points in the same part, or in neighbouring ones, are summed at once."""
 
 FAST = frozenset({"contract", "nsz"})
 """Fused multiply-add and no signed zero. Nothing that reorders a sum: the order is part of the result."""
 
 SLACK = np.float32(1.001)
-"""Reach, squared, is widened by this much before a segment is skipped, so that rounding never skips a non-zero."""
+"""Factor on the squared reach before a segment is skipped, so that rounding never skips a non-zero weight."""
 
 LEAST_SHAPE = 1e-9
-"""Least (c h)^2: with less, weights of p = 8 on the segments themselves would leave single precision."""
+"""Least (c h)^2: with less, weights of p = 8 on the segments themselves overflow single precision."""
 
 _SHORTEST = float(np.finfo(np.float32).tiny)
-"""Least squared length of a segment that has a direction: 1 / of less would leave single precision."""
+"""Least squared length of a segment with a direction: its reciprocal would overflow single precision."""
 
-_ONE: Any = np.float32(1.0)  # a plain 1.0 would make everything that it meets double precision
+_ONE: Any = np.float32(1.0)  # a plain 1.0 would turn every expression into double precision
 _ZERO: Any = np.float32(0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Struts, then channels, in units of `unit` mm about `centre` (3,), as contiguous rows.
+    """Struts, then channels, in units of `unit` mm relative to `centre` (3,), as contiguous rows.
 
     `starts` and `steps` (3, n), a segment runs from start to start + step; `shapes` (n,) is (c h)^2, taken to be at
     least `LEAST_SHAPE`; `reaches` (n,) is (R h)^2; the first `struts` segments have u = +1; `power` is p/2.
@@ -75,7 +75,7 @@ class Segments:
 
     @cached_property
     def table(self) -> Floats:
-        """A row for each segment, (n, 11), with all that sums at points need of it side by side."""
+        """A row for each segment, (n, 11), with all the numbers that sums at points need."""
         squares = (self.steps**2).sum(axis=0)
         inverses = np.divide(1.0, squares, out=np.zeros_like(squares), where=squares > _SHORTEST)
         shapes = np.maximum(self.shapes, LEAST_SHAPE)
@@ -85,10 +85,10 @@ class Segments:
 
 @dataclass(frozen=True, eq=False)
 class Bins:
-    """For each box of a grid of boxes, the segments that may reach into it, ascending.
+    """For each box of a grid, the segments that may reach into it, in ascending order.
 
-    `members[offsets[b]:offsets[b + 1]]` are those of box b, counted with the last axis fastest; `origin` (3,) is the
-    corner of the first box, `sizes` (3,) the edges of a box, `shape` (3,) their number.
+    `members[offsets[b]:offsets[b + 1]]` are those of box b, boxes numbered with the last axis fastest; `origin` (3,) is
+    the corner of the first box, `sizes` (3,) the edges of a box, `shape` (3,) the number of boxes along each axis.
     """
 
     offsets: Ints
@@ -101,7 +101,7 @@ class Bins:
 def segments_of(
     skeleton: Skeleton, *, c: float, support: float, exponent: int, vertices_only: bool = False
 ) -> Segments:
-    """Return struts and channels in mean edge lengths about the mesh's centre: single precision keeps its digits.
+    """Return struts and channels in mean edge lengths relative to the mesh's centre, which suits single precision.
 
     `c` and `support` are in local edge lengths, `exponent` is p; `vertices_only` puts +1 on vertices instead of edges.
     """
@@ -124,9 +124,9 @@ def segments_of(
 
 
 def bin_segments(segments: Segments, origin: Floats, sizes: Floats, shape: tuple[int, int, int]) -> Bins:
-    """Sort the segments into the boxes that they may reach; `origin` and `sizes` (3,) in the segments' units.
+    """Sort the segments into the boxes within their reach; `origin` and `sizes` (3,) in the segments' units.
 
-    Raises `StageError` where the lists need more memory than there is.
+    Raises `StageError` if the lists need more memory than is free.
     """
     ends, reaches = segments.starts + segments.steps, np.sqrt(segments.reaches * SLACK)
     first = (np.minimum(segments.starts, ends) - reaches - origin[:, None]) / sizes[:, None]
@@ -137,11 +137,11 @@ def bin_segments(segments: Segments, origin: Floats, sizes: Floats, shape: tuple
     counts = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
     _sort_into_boxes(*arrays, counts, np.empty(0, np.int32))
     offsets = np.cumsum(counts)
-    needed, there = int(offsets[-1]) * np.dtype(np.int32).itemsize, available_memory()
-    if needed > there:
+    needed, free = int(offsets[-1]) * np.dtype(np.int32).itemsize, available_memory()
+    if needed > free:
         raise StageError(
             f"support: the lists of struts and channels within reach need {needed / 2**30:.1f} GiB, but "
-            f"{there / 2**30:.1f} GiB are free; lower support"
+            f"{free / 2**30:.1f} GiB are free; lower support"
         )
     members = np.empty(offsets[-1], np.int32)
     _sort_into_boxes(*arrays, offsets[:-1].copy(), members)
@@ -153,10 +153,10 @@ def _sort_into_boxes(
     starts: Floats, steps: Floats, reaches: Floats, ranges: NDArray[np.int32], origin: Floats, sizes: Floats,
     shape: Ints, cursors: Ints, members: NDArray[np.int32],
 ) -> None:  # fmt: skip
-    """Count each box's segments into `cursors[box + 1]`, or write them from `cursors[box]` on where there is room.
+    """Count each box's segments into `cursors[box + 1]`; if `members` is not empty, write them from `cursors[box]` on.
 
-    `ranges` (2, 3, n) are the first and last box that a segment may reach along each axis. A layer of boxes is one
-    thread's.
+    `ranges` (2, 3, n) are the first and last box within a segment's reach along each axis. One thread does one layer
+    of boxes.
     """
     diagonal = np.sqrt((sizes * sizes).sum()) / 2.0
     low, high = ranges
@@ -182,7 +182,7 @@ def _sort_into_boxes(
 
 @kernel(inline=True)
 def _squared_distance(x: float, y: float, z: float, starts: Floats, steps: Floats, segment: int) -> float:
-    """Return the squared distance of a point to a segment, which may have no length."""
+    """Return the squared distance of a point to a segment, which may have length 0."""
     wx, wy, wz = x - starts[0, segment], y - starts[1, segment], z - starts[2, segment]
     dx, dy, dz = steps[0, segment], steps[1, segment], steps[2, segment]
     squared_length = dx * dx + dy * dy + dz * dz
@@ -202,29 +202,29 @@ def _squared_offset(
 
 @kernel(fastmath=FAST, inline=True)
 def weight(q: float, inverse: float, c1: float, inverse_reach: float, power: Power) -> float:
-    """Return k where q = r^2 + (c h)^2, `inverse` = 1 / q, c1 = 1 + (c / R)^2 and `inverse_reach` = 1 / (R h)^2.
+    """Return k from q = r^2 + (c h)^2, `inverse` = 1 / q, c1 = 1 + (c / R)^2 and `inverse_reach` = 1 / (R h)^2.
 
-    With them (1 - (r / R h)^2) / q = c1 / q - 1 / (R h)^2.
+    It uses (1 - (r / R h)^2) / q = c1 / q - 1 / (R h)^2.
     """
     g: float = max(c1 * inverse - inverse_reach, _ZERO)
     if len(power) == 1:
         return g * g * q
-    if len(power) == 3:  # of the inverse
+    if len(power) == 3:  # p = 6
         return g * g * inverse
-    if len(power) == 4:  # of the inverse
+    if len(power) == 4:  # p = 8
         return (g * inverse) * (g * inverse)
     return g * g
 
 
 @kernel(inline=True)
 def quotient(solid: float, void: float) -> float:
-    """Return s of the sums of weights of each sign, void where there are none."""
+    """Return s from the sums of the weights of struts and of channels; void if both are zero."""
     total = solid + void
     return (solid - void) / total if total > _ZERO else -_ONE
 
 
 def field_at(segments: Segments, bins: Bins, points: Floats, precision: type[np.floating[Any]] = np.float64) -> Floats:
-    """Return s at `points` (n, 3), in the segments' units, summed in a precision; void outside the boxes of `bins`."""
+    """Return s at `points` (n, 3), in the segments' units, summed in `precision`; void outside the boxes of `bins`."""
     order, firsts = np.empty(len(points), np.int64), np.zeros(len(bins.offsets), np.int64)
     _sort_by_box(points, bins.origin, bins.sizes, np.array(bins.shape), order, firsts)
     values = np.full(len(points), -1.0, precision)
@@ -237,7 +237,7 @@ def field_at(segments: Segments, bins: Bins, points: Floats, precision: type[np.
 
 @kernel
 def _sort_by_box(points: Floats, origin: Floats, sizes: Floats, shape: Ints, order: Ints, firsts: Ints) -> None:
-    """Put the numbers of the points in boxes, by box, at the head of `order` (n,), where each begins into `firsts`."""
+    """Write the numbers of the points in boxes, sorted by box, to `order` (n,), and each box's start to `firsts`."""
     boxes = np.empty(len(points), np.int64)
     for n in range(len(points)):
         boxes[n] = 0
@@ -260,7 +260,7 @@ def _fill_points(
     table: Floats, struts: int, power: Power, offsets: Ints, members: NDArray[np.int32], boxes: Ints, firsts: Ints,
     points: Floats, origin: Floats, sizes: Floats, order: Ints, values: Floats,
 ) -> None:  # fmt: skip
-    """Sum over the points of each of the `boxes`, `_LANES` at once; `order` has them by box."""
+    """Compute s at the points of each of the `boxes`, `_LANES` at once; `order` lists the points by box."""
     for number in prange(len(boxes)):
         box = boxes[number]
         near = members[offsets[box] : offsets[box + 1]]
@@ -283,7 +283,7 @@ def _fill_points(
 
 @kernel
 def _gather_columns(table: Floats, near: NDArray[np.int32]) -> Floats:
-    """Return the rows `near` of `table` as columns, (11, n): what stands side by side can be read as a vector."""
+    """Return the rows `near` of `table` as columns, (11, n): contiguous numbers can be read as a vector."""
     columns = np.empty((table.shape[1], len(near)), table.dtype)
     for n in range(len(near)):
         for column in range(len(columns)):
@@ -313,7 +313,7 @@ def _by_part(points: Floats, ours: Ints, origin: Floats, sizes: Floats) -> Ints:
 
 @kernel
 def _ball_around(xyz: Floats) -> tuple[float, float, float, float]:
-    """Return middle and radius of a ball that holds the points `xyz` (3, n)."""
+    """Return centre and radius of a ball that contains the points `xyz` (3, n)."""
     half = xyz.dtype.type(0.5)
     low_x, high_x, low_y, high_y = xyz[0].min(), xyz[0].max(), xyz[1].min(), xyz[1].max()
     low_z, high_z = xyz[2].min(), xyz[2].max()
@@ -323,7 +323,7 @@ def _ball_around(xyz: Floats) -> tuple[float, float, float, float]:
 
 @kernel(fastmath=FAST)
 def _within(rows: Floats, ball: tuple[float, float, float, float], beyond: Floats, chosen: Ints) -> int:
-    """Put the numbers of the `rows` that reach into a ball into `chosen`, return how many; `beyond` is for scratch."""
+    """Write the numbers of the `rows` that reach into a ball to `chosen`; return their count. `beyond` is scratch."""
     x, y, z, radius = ball
     for number in range(rows.shape[1]):
         n = np.uint64(number)
@@ -340,7 +340,7 @@ def _within(rows: Floats, ball: tuple[float, float, float, float], beyond: Float
 
 @kernel(fastmath=FAST)
 def _sum_weights(rows: Floats, chosen: Ints, power: Power, xyz: Floats, sums: Floats) -> None:
-    """Put the weights of the `chosen` of `rows` at the points `xyz` (3, `_LANES`) into `sums`."""
+    """Write the summed weights of the `chosen` of `rows` at the points `xyz` (3, `_LANES`) to `sums`."""
     sums[:] = _ZERO
     for n in chosen:
         ax, ay, az, dx, dy, dz, inverse_length = (

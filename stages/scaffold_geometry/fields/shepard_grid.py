@@ -1,16 +1,16 @@
-"""The `normalised` ARBF field on a grid: see `shepard` for what it is; here is how it is summed on all voxels.
+"""The `normalised` ARBF field, which `shepard` defines, summed on all voxels of a grid.
 
-The grid is cut into tiles of 16^3 samples, at the same places whatever else is done, and a tile into 64 bricks of 4^3.
-A segment meets a tile in an orthonormal frame (n, m, d) of its own, d along it and n level: with h half its length and
-N, M, U the coordinates of a sample from its middle,
+The grid is divided into tiles of 16^3 samples, always at the same places, and a tile into 64 bricks of 4^3.
+Each segment has an orthonormal frame (n, m, d), d along it and n horizontal. With half its length h and the coordinates
+N, M, U of a sample relative to its midpoint,
 
-    squared distance = N^2 + M^2 + max(|U| - h, 0)^2,
+    squared distance = N^2 + M^2 + max(|U| - h, 0)^2.
 
-all of them linear in the sample's, and N the same for a whole column of z. All 64 bricks are tried at once, and those
-in reach are summed 64 samples at a time. Lengths are in voxels about the tile's first sample, where the coordinates of
-samples are whole numbers: single precision loses nothing, however far the tile lies from the grid's origin.
+N, M and U are linear in the sample's coordinates, and N is constant along z. All 64 bricks are tested at once, and
+those within reach are summed 64 samples at a time. Lengths are in voxels relative to the tile's first sample, so that
+the samples have whole-number coordinates: single precision loses no digits, however far the tile is from the origin.
 
-The four samples of a column in a brick share one division, the dearest of operations: 1/a = b/(ab) and 1/b = a/(ab).
+The four samples of a column in a brick share one division, the slowest operation: 1/a = b/(ab) and 1/b = a/(ab).
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ TILE = 16
 """Samples along each edge of a tile."""
 
 Line = tuple[Any, ...]
-"""nx, ny, N; mx, my, mz, M; dx, dy, dz, U; h: a segment's frame with the tile's first sample in it, half its length."""
+"""nx, ny, N; mx, my, mz, M; dx, dy, dz, U; h: a segment's frame, the tile's first sample in it, half the length."""
 
 _BRICK, _BRICKS = 4, 64
 """Samples along a brick's edge, and bricks in a tile."""
 
 _LANES, _SAMPLES = np.uint64(16), np.uint64(64)
-"""Columns of a brick and samples in it; unsigned: an index that may be negative keeps a loop from being a vector's."""
+"""Columns of a brick and samples in it; unsigned, as a loop with a signed index is not vectorised."""
 
-_ONE: Any = np.float32(1.0)  # a plain 1.0 would make everything that it meets double precision
+_ONE: Any = np.float32(1.0)  # a plain 1.0 would turn every expression into double precision
 _ZERO: Any = np.float32(0.0)
 _BIT, _NO_BIT, _NONE = np.uint64(1), np.uint64(0), np.uint32(0)
 
@@ -46,17 +46,17 @@ _BRICK_X, _BRICK_Y, _BRICK_Z = (_BRICK * np.indices((4, 4, 4)).reshape(3, -1)[[1
 _COLUMN_X, _COLUMN_Y = np.indices((4, 4)).reshape(2, -1).astype(np.float32)
 _X, _Y = (_BRICK_X[:, None] + _COLUMN_X).ravel(), (_BRICK_Y[:, None] + _COLUMN_Y).ravel()
 _Z = np.repeat(_BRICK_Z, 16)
-"""The first sample of each column of each brick in its tile: vectors, as scalars would have to become ones."""
+"""The first sample of each column of each brick in its tile, as vectors ready to load."""
 
 _HALF = np.float32(TILE / 2)
 _MIDDLE = np.float32((_BRICK - 1) / 2.0)
 _CORNER = np.float32(np.sqrt(3.0) * (_BRICK - 1) / 2.0)
-"""From a brick's middle to its corner."""
+"""Distance from a brick's centre to its corner."""
 
 _PRIME = np.uint64(67)
 _POSITIONS = np.zeros(int(_PRIME), np.uint64)
 _POSITIONS[[2**bit % int(_PRIME) for bit in range(64)]] = np.arange(64, dtype=np.uint64)
-"""The number of a single bit, found by its remainder: 2 is a primitive root of 67."""
+"""The position of a single bit, by its remainder modulo 67: 2 is a primitive root of 67."""
 
 
 def field_on_tiles(
@@ -65,8 +65,8 @@ def field_on_tiles(
 ) -> int:  # fmt: skip
     """Fill the tiles numbered in `active`, last axis fastest, of `values` (nx, ny, nz) with the field.
 
-    The boxes of `bins` are whole numbers of tiles; sample (0, 0, 0) lies at `origin` (3,), `spacing` apart, in the
-    segments' units. Returns how many samples of `inside` (nx, ny, nz) are not reached by segments of both signs.
+    The boxes of `bins` are whole numbers of tiles. `origin` (3,) is the position of sample (0, 0, 0), in the segments'
+    units. Returns the number of samples of `inside` (nx, ny, nz) out of reach of struts or of channels.
     """
     tiles = -(-np.array(values.shape) // TILE)
     tiles_per_box = np.rint(bins.sizes / (TILE * spacing)).astype(np.int64)
@@ -81,7 +81,7 @@ def field_on_tiles(
 def _table(segments: Segments, origin: Floats, spacing: float) -> Floats:
     """Return a row for each segment, (n, 16), in voxels from the first sample.
 
-    Its middle (3), n (2: it is level), m (3), d (3), half its length, (c h)^2, 1 + (c / R)^2, 1 / (R h)^2 and R h.
+    Midpoint (3), n (2: it is horizontal), m (3), d (3), half the length, (c h)^2, 1 + (c / R)^2, 1 / (R h)^2 and R h.
     """
     starts, steps = (segments.starts - origin[:, None]) / spacing, segments.steps / spacing
     lengths, seen_along_z = np.linalg.norm(steps, axis=0), np.hypot(*steps[:2])
@@ -132,7 +132,7 @@ def _add_weights(table: Floats, near: NDArray[np.int32], power: Power, x: int, y
 
 @kernel(fastmath=FAST, inline=True)
 def _in_tile(row: Floats, x: int, y: int, z: int) -> tuple[Line, Any, Any, Any, Any]:
-    """Return a row of `_table` in single precision, its line about the tile's first sample x, y, z."""
+    """Return a row of `_table` in single precision, its line relative to the tile's first sample x, y, z."""
     wx, wy, wz = x - row[0], y - row[1], z - row[2]
     line = (
         np.float32(row[3]), np.float32(row[4]), np.float32(wx * row[3] + wy * row[4]),
@@ -147,9 +147,9 @@ def _in_tile(row: Floats, x: int, y: int, z: int) -> tuple[Line, Any, Any, Any, 
 
 @kernel(fastmath=FAST, inline=True)
 def _bricks_within(line: Line, distance: Any) -> Any:  # noqa: ANN401 - np.float32, np.uint64
-    """Return the bricks, a bit each, whose middle lies within `distance` of the segment.
+    """Return the bricks, one bit each, whose centre lies within `distance` of the segment.
 
-    Bricks of the tile's lower and upper half share N, and have words of their own, as wide as the numbers compared.
+    The bricks of the tile's lower and upper half share N; each half has a word of 32 bits, as wide as a float32.
     """
     nx, ny, n0, mx, my, mz, m0, dx, dy, dz, d0, half = line
     furthest = distance * distance * SLACK
@@ -169,7 +169,7 @@ def _bricks_within(line: Line, distance: Any) -> Any:  # noqa: ANN401 - np.float
 def _add_to_brick(
     line: Line, shape: float, c1: float, inverse_reach: float, power: Power, brick: int, sums: Singles
 ) -> None:
-    """Add the weights of a segment to the 64 samples of a brick: its columns as a vector, four samples up each."""
+    """Add the weights of a segment to the 64 samples of a brick: a vector of 16 columns, four samples in each."""
     nx, ny, n0, mx, my, mz, m0, dx, dy, dz, d0, half = line
     first, base = brick * _LANES, brick * _SAMPLES
     for column in range(16):
@@ -201,7 +201,7 @@ def _squared_bound(m: float, d: float, half: float) -> float:
 
 @kernel
 def _divide(sums: Singles, inside: NDArray[np.bool_], values: Singles) -> int:
-    """Put s into `values` (nx, ny, nz), of sums (2, 16^3); return how many samples `inside` lack one of the signs."""
+    """Write s from `sums` (2, 16^3) to `values` (nx, ny, nz); return the number of samples `inside` with a zero sum."""
     half_reached = 0
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):

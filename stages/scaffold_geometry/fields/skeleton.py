@@ -1,6 +1,6 @@
-"""The points and segments of a mesh that a field is made of, and the slab around a planar one.
+"""The points and segments of a mesh from which a field is computed, and the slab around a planar mesh.
 
-In a planar mesh cells are tiles and faces their edges: a channel runs from a tile's centre to the middle of an edge.
+In a planar mesh cells are polygons and faces are edges: a channel runs from a cell's centre to the middle of an edge.
 
 Liu, Guo, Yu, "Porous Structure Design in Tissue Engineering Using Anisotropic Radial Basis Function".
 """
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """What a mesh of n vertices, f faces, m cells, h channels and k edges gives a field; lengths mm.
+    """Geometry of a mesh of n vertices, f faces, m cells, h channels and k edges, for a field; lengths in mm.
 
-    `vertices` (n, 3); `face_centres` (f, 3), a face shared by two cells once; `cell_centres` (m, 3), the
-    kinds one after the other in the order of `CELL_TYPES`; `channel_starts` (h, 3) at cell centres and
-    `channel_ends` (h, 3) at face centres, one for each (cell, face), cell after cell; `channel_cells` and
-    `channel_faces` (h,), the indices of that cell and face; `edges` (k, 2) vertex indices, the smaller first,
-    sorted. `local_lengths` (n,) is the mean length of the edges that meet at each vertex; `edge_lengths` (k,)
-    its mean over the ends of each edge and `channel_lengths` (h,) over the corners of each channel's cell:
-    the size of the mesh there, not the segment's own length. `mean_edge_length` is over all edges.
+    `vertices` (n, 3); `face_centres` (f, 3), a face shared by two cells once; `cell_centres` (m, 3), kind after
+    kind in the order of `CELL_TYPES`; `channel_starts` (h, 3) at cell centres and `channel_ends` (h, 3) at face
+    centres, one for each (cell, face), cell after cell; `channel_cells` and `channel_faces` (h,), the indices of
+    that cell and face; `edges` (k, 2) vertex indices, the smaller first, sorted. `local_lengths` (n,) is the mean
+    length of the edges at each vertex; `edge_lengths` (k,) is its mean over the ends of each edge and
+    `channel_lengths` (h,) its mean over the corners of each channel's cell: the local size of the mesh, not the
+    segment's own length. `mean_edge_length` is the mean over all edges.
     """
 
     vertices: Floats
@@ -98,7 +98,7 @@ def _channel_cells(cells: Mapping[str, Ints]) -> Ints:
 
 
 def _unique_faces(vertices: Floats, cells: Mapping[str, Ints]) -> _Faces:
-    """Find the faces by their corners, filled up with -1, so that one sort serves all shapes."""
+    """Find the faces by their sorted corners, padded with -1, so that one sort covers all shapes."""
     unique, of_channels = distinct_rows(np.sort(faces_of_cells(cells), axis=1))
     is_corner = unique >= 0
     sums = np.where(is_corner[:, :, None], vertices[unique], 0.0).sum(axis=1)
@@ -106,10 +106,10 @@ def _unique_faces(vertices: Floats, cells: Mapping[str, Ints]) -> _Faces:
 
 
 def slab_around(vertices: Floats, cells: Mapping[str, Ints]) -> tuple[Floats, Ints]:
-    """Return a closed slab amid which a planar mesh lies, as thick as its edges are long, normals outwards.
+    """Return a closed slab around a planar mesh, as thick as its mean boundary edge is long, normals outward.
 
-    Its vertices (2 n, 3) mm are those of the mesh, below and above the plane; its triangles (m, 3) bound no other
-    area than the cells'.
+    Its vertices (2 n, 3) mm are those of the mesh, below and above the plane; its triangles (m, 3) cover exactly the
+    area of the cells.
     """
     edges = faces_of_cells(cells)
     groups = distinct_rows(np.sort(edges, axis=1))[1]
@@ -122,7 +122,7 @@ def slab_around(vertices: Floats, cells: Mapping[str, Ints]) -> tuple[Floats, In
 
 
 def _fans(vertices: Floats, tiles: Ints) -> Ints:
-    """Return the triangles of planar cells (m, corners), fanned from the corner that turns least: a hollow one."""
+    """Return the triangles of planar cells (m, corners), as fans from the corner that turns least: a reflex one."""
     corners = tiles.shape[1]
     first = corner_turns(vertices, tiles).argmin(axis=1)
     ring = np.take_along_axis(tiles, (first[:, None] + np.arange(corners)) % corners, axis=1)

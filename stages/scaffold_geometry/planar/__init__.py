@@ -1,1 +1,1 @@
-"""Regions of a plane: what plates are made of."""
+"""Regions of a plane, from which plates are made."""

@@ -1,7 +1,7 @@
-"""Regions of a plane: iso-lines of samples, booleans of polygons, pixels and prisms of them.
+"""Regions of a plane: iso-lines of samples, booleans of polygons, rasterisation and extrusion.
 
-A ring is (k, 2) mm, counter-clockwise around a region and clockwise around its holes, its last point not the first
-again. Booleans are Clipper2's, which rounds to 1e-8 mm.
+A ring is (k, 2) mm, counter-clockwise around a region and clockwise around a hole; the first point is not repeated at
+the end. Booleans are by Clipper2, which rounds to 1e-8 mm.
 """
 
 from __future__ import annotations
@@ -20,20 +20,21 @@ Region = Any
 """A `manifold3d.CrossSection`, which has no type information."""
 
 _NUDGE = 1e-3
-"""Samples nearer to the iso than this, in the greatest change from sample to sample, are moved away from it: lines
-through a sample would touch there."""
+"""Samples nearer to the iso-value than this share of the greatest change between neighbours are moved away from it:
+iso-lines through a sample would touch there."""
 
 _FLAT = 1e-3
-"""Points of an iso-line nearer to the line between their neighbours than this, in samples, go: less than it is off."""
+"""Points of an iso-line nearer than this, in samples, to the line between their neighbours are removed: the iso-line's
+own error is greater."""
 
 _STRAIGHT = 1e-6
-"""mm: an outline that bends by less is straight, but for the rounding of booleans and of single precision."""
+"""mm: an outline with smaller deviations is straight, up to the rounding of booleans and of single precision."""
 
 
 def region_above(values: NDArray[np.float32], iso: float, origin: Floats, spacing: float) -> Region:
-    """Return where samples (nx, ny), value [i, j] at `origin + spacing * (i, j)`, are above `iso`: void beyond them.
+    """Return the region where samples (nx, ny), [i, j] at `origin + spacing * (i, j)`, are above `iso`.
 
-    Marching squares; at a saddle the void is connected.
+    Marching squares; outside the samples is void, and at a saddle the void is connected.
     """
     from skimage.measure import find_contours
 
@@ -47,7 +48,7 @@ def region_above(values: NDArray[np.float32], iso: float, origin: Floats, spacin
 
 
 def to_region(rings: Iterable[Floats]) -> Region:
-    """Return the region to the left of rings; where they overlap, it is united."""
+    """Return the region to the left of rings; overlapping regions are united."""
     import manifold3d
 
     return manifold3d.CrossSection(list(rings))
@@ -63,17 +64,17 @@ def pieces_of(region: Region) -> list[Region]:
     return list(region.decompose())
 
 
-def without_small(region: Region, least: float) -> Region:
-    """Return a region without its pieces of an area below `least` mm^2."""
+def remove_small_pieces(region: Region, least: float) -> Region:
+    """Return a region without the pieces whose area is below `least` mm^2."""
     import manifold3d
 
     return manifold3d.CrossSection.compose([piece for piece in pieces_of(region) if piece.area() >= least])
 
 
 def outline_of(vertices: Floats, cells: dict[str, Ints]) -> Region:
-    """Return the region that tiles cover: `vertices` (n, 3), kind -> (m, corners), counter-clockwise.
+    """Return the region that planar cells cover: `vertices` (n, 3), kind -> (m, corners), counter-clockwise.
 
-    Vertices amid its straight sides go, or triangles without area would end at them.
+    Vertices inside straight sides are removed: they would give triangles without area.
     """
     tiles = to_region(tile for corners in cells.values() for tile in vertices[corners][:, :, :2])
     return tiles.simplify(_STRAIGHT)
@@ -84,10 +85,10 @@ def section_at(vertices: Floats, faces: Ints, z: float) -> Region:
     return to_manifold(vertices, faces, "outer shape").slice(z)
 
 
-def fill(rings: Sequence[Floats], shape: tuple[int, int]) -> Bools:
-    """Tell which pixels of `shape` have their centre [i, j] within rings in pixels, by the even-odd rule.
+def rasterise(rings: Sequence[Floats], shape: tuple[int, int]) -> Bools:
+    """Return a mask, of `shape`, of the pixels whose centre [i, j] is inside rings in pixels, by the even-odd rule.
 
-    Along each row of pixels, every crossing of a ring turns what follows over.
+    Along each row of pixels, every crossing of a ring switches between inside and outside.
     """
     starts, ends = (np.concatenate([np.roll(ring, shift, axis=0) for ring in rings]) for shift in (1, 0))
     low, high = np.sort(np.stack([starts[:, 0], ends[:, 0]]), axis=0)
@@ -103,13 +104,13 @@ def fill(rings: Sequence[Floats], shape: tuple[int, int]) -> Bools:
 
 
 def prism(rings: Sequence[Floats], low: float, high: float) -> tuple[Floats, Ints]:
-    """Return the closed, outward surface of a region's prism between two heights: vertices (2 n, 3), faces (m, 3).
+    """Return the closed, outward surface of a region extruded between two heights: vertices (2 n, 3), faces (m, 3).
 
-    Its coordinates are exact in single precision; points of a ring that fall together in it are one.
+    Coordinates are exact in single precision; points of a ring that coincide in it are merged.
     """
     import manifold3d
 
-    rings = [ring for ring in map(_in_single_precision, rings) if len(ring) > 2]  # two bound nothing
+    rings = [ring for ring in map(_snap_to_float32, rings) if len(ring) > 2]  # two bound nothing
     points = np.concatenate(rings)
     starts = np.cumsum([0, *(len(ring) for ring in rings)])
     a = np.arange(len(points))
@@ -121,7 +122,7 @@ def prism(rings: Sequence[Floats], low: float, high: float) -> tuple[Floats, Int
     return vertices, np.concatenate([cap[:, ::-1], cap + up, *walls])
 
 
-def _in_single_precision(ring: Floats) -> Floats:
+def _snap_to_float32(ring: Floats) -> Floats:
     rounded = _single(ring)
     return np.asarray(rounded[(rounded != np.roll(rounded, 1, axis=0)).any(axis=1)])
 

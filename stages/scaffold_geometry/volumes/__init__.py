@@ -1,1 +1,1 @@
-"""Volume meshes: their cells and boundary, tetrahedra by fTetWild, and in a room of their own hexahedra."""
+"""Volume meshes: cells and boundaries, tetrahedra by fTetWild, lattices, and hexahedra in a package of their own."""

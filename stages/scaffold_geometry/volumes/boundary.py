@@ -9,9 +9,9 @@ from scaffold_geometry.volumes.cells import Faces
 
 
 def enclosed_volume(vertices: Floats, faces: Faces) -> float:
-    """Return the volume that the boundary encloses, its quadrangles fanned about their centres, as `cell_volumes` does.
+    """Return the volume that the boundary encloses, with quadrangles split around their centres, as in `cell_volumes`.
 
-    By Gauss's theorem it is the cells' volume, unless cells overlap or faces do not match.
+    By Gauss's theorem it equals the volume of the cells, unless cells overlap or faces do not match.
     """
     origin = vertices.mean(axis=0)
     a, b, c = np.moveaxis((vertices - origin)[faces.triangles], 1, 0)
@@ -25,8 +25,8 @@ def enclosed_volume(vertices: Floats, faces: Faces) -> float:
 def boundary_triangles(vertices: Floats, faces: Faces) -> tuple[Ints, Ints]:
     """Return the boundary as triangles (t, 3), outward, and the cell of each, (t,).
 
-    A quadrangle is cut along its shorter diagonal, or that of its least vertex where they are as long: whatever cell
-    it comes from, and wherever that begins to count.
+    A quadrangle is split along its shorter diagonal; if both are equal, along that of its vertex of lowest number. The
+    result does not depend on the cell or on the order of its corners.
     """
     a, b, c, d = np.moveaxis(faces.quadrangles, 1, 0)
     one, other = (np.linalg.norm(vertices[p] - vertices[q], axis=1) for p, q in ((a, c), (b, d)))

@@ -1,6 +1,6 @@
-"""Formulas on cells: `vertices` (n, 3) and `cells`, kind -> (m, corners) in VTK's order.
+"""Functions on cells: `vertices` (n, 3) and `cells`, kind -> (m, corners) in VTK's order.
 
-Cells are numbered through, kind after kind in the order of the mapping.
+Cells are numbered consecutively, kind after kind, in the order of the mapping.
 """
 
 from __future__ import annotations
@@ -15,20 +15,20 @@ from scaffold_pipeline.artifacts.cells import CELL_TYPES, cell_volumes
 
 Cells: TypeAlias = dict[str, Ints]
 
-_TURNED = {
+_REVERSED = {
     "tetrahedron": [0, 2, 1, 3],
     "pyramid": [0, 3, 2, 1, 4],
     "wedge": [3, 4, 5, 0, 1, 2],
     "hexahedron": [4, 5, 6, 7, 0, 1, 2, 3],
 }
-"""The corners of each kind in an order that turns its volume's sign, and keeps its faces."""
+"""The corners of each kind in an order that changes the sign of the volume and keeps the faces."""
 
 
 class Faces(NamedTuple):
-    """How cells meet: `triangles` (t, 3) and `quadrangles` (q, 4) of one cell only, outward, and each one's cell.
+    """How cells meet: the boundary's `triangles` (t, 3) and `quadrangles` (q, 4), outward, and the cell of each.
 
-    `neighbours` (p, 2) are cells that share a face as they should; `clashing` (c, 2) lie on the same side of it, or
-    take its corners in another order; `crowded` are cells at a face that more than two share.
+    `neighbours` (p, 2) are cells that share a face correctly; `clashing` (c, 2) are on the same side of a shared face,
+    or have its corners in a different order; `crowded` are cells at a face that more than two cells share.
     """
 
     triangles: Ints
@@ -41,19 +41,19 @@ class Faces(NamedTuple):
 
 
 def count(cells: Cells) -> int:
-    """Return how many cells there are of all kinds."""
+    """Return the number of cells of all kinds."""
     return sum(len(corners) for corners in cells.values())
 
 
-def chosen(cells: Cells, is_chosen: Bools) -> Cells:
-    """Return the cells of `is_chosen` (m,), over all kinds; kinds of which none is left go."""
+def select_cells(cells: Cells, is_chosen: Bools) -> Cells:
+    """Return the cells selected by the mask `is_chosen` (m,) over all kinds; empty kinds are removed."""
     ends = np.cumsum([len(corners) for corners in cells.values()])[:-1]
     parts = zip(cells.items(), np.split(is_chosen, ends), strict=True)
     return {kind: corners[part] for (kind, corners), part in parts if part.any()}
 
 
 def drop_unused_vertices(vertices: Floats, cells: Cells) -> tuple[Floats, Cells]:
-    """Return the mesh without the vertices that no cell uses."""
+    """Return the mesh without the vertices that are in no cell."""
     used = np.zeros(len(vertices), dtype=bool)
     for corners in cells.values():
         used[corners] = True
@@ -62,7 +62,7 @@ def drop_unused_vertices(vertices: Floats, cells: Cells) -> tuple[Floats, Cells]
 
 
 def merge_vertices(vertices: Floats, cells: Cells, distance: float) -> Cells:
-    """Return the cells with one vertex, the first, for all that are joined by steps of at most `distance`."""
+    """Return the cells with vertices merged into the first of each group linked by distances up to `distance`."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -74,21 +74,21 @@ def merge_vertices(vertices: Floats, cells: Cells, distance: float) -> Cells:
     return {kind: first[corners] for kind, corners in cells.items()}
 
 
-def coincident(points: Floats, distance: float) -> int:
-    """Return how many of `points` have another within `distance`."""
+def count_coincident_points(points: Floats, distance: float) -> int:
+    """Return the number of `points` that have a neighbour within `distance`."""
     from scipy.spatial import cKDTree
 
     return len(np.unique(cKDTree(points).query_pairs(distance, output_type="ndarray")))
 
 
 def duplicate_vertex_cells(cells: Cells) -> Bools:
-    """Return which cells use a vertex twice, (m,)."""
+    """Return a mask of the cells that use a vertex twice, (m,)."""
     rows = [np.sort(corners, axis=1) for corners in cells.values()]
     return np.concatenate([(row[:, 1:] == row[:, :-1]).any(axis=1) for row in rows])
 
 
 def self_crossing_cells(vertices: Floats, cells: Cells) -> Bools:
-    """Return which cells have a quadrangle whose sides cross, (m,): it turns one way at two corners, back at two."""
+    """Return a mask of the cells with a self-crossing quadrangle, (m,): it turns left at two corners, right at two."""
     return np.concatenate([_self_crossing_of_kind(vertices[corners], kind) for kind, corners in cells.items()])
 
 
@@ -99,12 +99,12 @@ def _self_crossing_of_kind(corners: Floats, kind: str) -> Bools:
         ahead = np.roll(ring, -1, axis=1) - ring
         turns = np.cross(np.roll(ahead, 1, axis=1), ahead)
         against = np.einsum("mki,mi->mk", turns, turns[:, 0]) < 0.0
-        is_crossed |= against.sum(axis=1) == len(face) // 2  # one corner against three is hollow
+        is_crossed |= against.sum(axis=1) == len(face) // 2  # one corner against three is reflex, not a crossing
     return is_crossed
 
 
 def duplicate_cells(cells: Cells) -> Bools:
-    """Return which cells have the same corners as an earlier one of their kind, (m,)."""
+    """Return a mask of the cells with the same corners as an earlier cell of their kind, (m,)."""
     return np.concatenate([triangles.duplicate_faces(corners) for corners in cells.values()])
 
 
@@ -113,8 +113,8 @@ def volumes(vertices: Floats, cells: Cells) -> Floats:
     return np.concatenate([cell_volumes(vertices, corners, kind) for kind, corners in cells.items()])
 
 
-def flat(vertices: Floats, cells: Cells) -> Bools:
-    """Return which cells are flatter than float64 can tell from flat, at their place, (m,)."""
+def flat_cells(vertices: Floats, cells: Cells) -> Bools:
+    """Return a mask of the flat cells, (m,): their volume is not above float64's rounding error at their position."""
     longest = []
     for kind, corners in cells.items():
         ends = vertices[corners[:, np.array(CELL_TYPES[kind].edges)]]
@@ -124,17 +124,17 @@ def flat(vertices: Floats, cells: Cells) -> Bools:
 
 
 def reorient_cells(vertices: Floats, cells: Cells) -> tuple[Cells, int]:
-    """Return the cells with those of negative volume turned, and their number."""
-    found, number = {}, 0
+    """Return the cells with those of negative volume reversed, and the number of these."""
+    oriented, number = {}, 0
     for kind, corners in cells.items():
         is_negative = cell_volumes(vertices, corners, kind) < 0.0
-        found[kind] = np.where(is_negative[:, None], corners[:, _TURNED[kind]], corners)
+        oriented[kind] = np.where(is_negative[:, None], corners[:, _REVERSED[kind]], corners)
         number += int(is_negative.sum())
-    return found, number
+    return oriented, number
 
 
 def count_folded_cells(vertices: Floats, cells: Cells) -> int:
-    """Return how many cells are folded though their volume is positive: not all of one is seen from its centre."""
+    """Return the number of folded cells: their volume may be positive, but parts are not visible from their centre."""
     number = 0
     for kind, corners in cells.items():
         places = vertices[corners]
@@ -149,7 +149,7 @@ def count_folded_cells(vertices: Floats, cells: Cells) -> int:
 
 
 def faces(cells: Cells) -> Faces:
-    """Return how the cells meet."""
+    """Return the boundary faces of the cells, and which cells share a face."""
     triangle, quadrangle = (_match_faces(*_faces_of(cells, width)) for width in (3, 4))
     return Faces(
         triangle.alone,
@@ -163,7 +163,7 @@ def faces(cells: Cells) -> Faces:
 
 
 def pieces(neighbours: Ints, number: int) -> Ints:
-    """Return the piece of each of `number` cells, (m,), from 0: cells that share a face, directly or over others."""
+    """Return the connected piece of each of `number` cells, (m,), from 0; cells that share a face are connected."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -181,18 +181,18 @@ class _FaceMatches(NamedTuple):
 
 
 def _faces_of(cells: Cells, width: int) -> tuple[Ints, Ints]:
-    """Return the faces of `width` corners, (f, width), and the cell of each, (f,)."""
-    found, owners, start = [np.empty((0, width), np.int64)], [np.empty(0, np.int64)], 0
+    """Return the faces with `width` corners, (f, width), and the cell of each, (f,)."""
+    rows, owners, start = [np.empty((0, width), np.int64)], [np.empty(0, np.int64)], 0
     for kind, corners in cells.items():
         of_width = [face for face in CELL_TYPES[kind].faces if len(face) == width]
-        found += [corners[:, face] for face in of_width]
+        rows += [corners[:, face] for face in of_width]
         owners += [np.arange(start, start + len(corners))] * len(of_width)
         start += len(corners)
-    return np.concatenate(found), np.concatenate(owners)
+    return np.concatenate(rows), np.concatenate(owners)
 
 
 def _match_faces(corners: Ints, owners: Ints) -> _FaceMatches:
-    """Sort out faces (f, k) of cells `owners` (f,): of one cell, of two that agree, of two that do not, of more."""
+    """Classify faces (f, k) of cells `owners` (f,): of one cell, of two that match, of two that do not, of more."""
     width = corners.shape[1]
     start = np.argmin(corners, axis=1, keepdims=True) if len(corners) else np.zeros((0, 1), np.int64)
     rolled = np.take_along_axis(corners, (start + np.arange(width)) % width, axis=1)

@@ -1,4 +1,4 @@
-"""fTetWild: a closed surface filled with tetrahedra, for a child process.
+"""fTetWild: fill a closed surface with tetrahedra, for a child process.
 
 Hu, Schneider, Wang, Zorin, Panozzo, "Fast tetrahedral meshing in the wild", ACM Transactions on Graphics 39 (2020).
 """
@@ -14,7 +14,7 @@ from scaffold_pipeline.processes.isolation import Arrays
 from scaffold_pipeline.processes.threads import thread_count
 
 ROUNDS, ENERGY = 80, 10.0
-"""fTetWild's own limits: rounds of improvement, and the energy of the worst cell at which it stops."""
+"""fTetWild's defaults: rounds of optimisation, and the energy of the worst cell at which it stops."""
 
 
 def run_ftetwild(
@@ -38,7 +38,7 @@ def run_ftetwild(
     )
     if not len(cells):
         raise StageError(
-            "fTetWild returned no cell: the shape is flat, or thinner than the envelope; ask for smaller cells"
+            "fTetWild returned no cells: the shape is flat, or thinner than the envelope; use smaller cells"
         )
     cells = np.asarray(cells, np.int64)
     cells = cells[np.abs(cell_volumes(points, cells, "tetrahedron")) > 0.0]

@@ -1,4 +1,4 @@
-"""Vertices moved so that no cell turns over: steps that would are held back."""
+"""Movement of vertices without inverted cells: a step that would invert a cell is shortened."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from scaffold_pipeline.artifacts.cells import CELL_TYPES, edges_of_cells
 Cells = Mapping[str, Ints]
 
 LEAST_SHARE = 0.05
-"""Share of its volume or area that every part of a cell keeps: below it a cell is nearly flat, and its channels touch
-its edges."""
+"""Least share of its volume or area that every part of a cell keeps: with less a cell is nearly flat, and its channels
+touch its edges."""
 
 _HALVINGS = 6
-"""Halvings of a step before it is given up: a sixty-fourth of it is no movement to speak of."""
+"""Halvings of a step before it is set to zero: a sixty-fourth of it is negligible."""
 
 
 def random_steps(vertices: Floats, cells: Cells, amount: float, rng: np.random.Generator, dimensions: int) -> Floats:
-    """Return a step for each vertex, (n, 3) mm, along the first axes: at most `amount` of its edges' mean length.
+    """Return a random step for each vertex, (n, 3) mm, at most `amount` times the mean length of its edges.
 
-    Directions are uniform on the sphere or circle, distances uniform up to the greatest.
+    Steps are along the first `dimensions` axes, with directions uniform on the sphere or circle and uniform lengths.
     """
     edges, count = edges_of_cells(cells), len(vertices)
     lengths = np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1)
@@ -34,13 +34,13 @@ def random_steps(vertices: Floats, cells: Cells, amount: float, rng: np.random.G
     return steps
 
 
-def sound_move(
+def move_without_inversion(
     vertices: Floats, cells: Cells, steps: Floats, settle: Callable[[Bools, Floats], Floats] | None = None
 ) -> tuple[Floats, Floats]:
-    """Return the moved vertices (n, 3) and the factor of each step (n,): 1, or less where a cell would turn over.
+    """Return the moved vertices (n, 3) and the factor of each step (n,): 1, or less where a cell would be inverted.
 
-    All vertices of all offending cells are held back at once, so that the order of cells decides nothing. `settle`
-    takes which vertices move, (n,), and where to, (n, 3), and returns where they shall be instead.
+    The steps of all vertices of all inverted cells are shortened together, so the order of cells has no effect.
+    `settle` takes a mask of the moving vertices, (n,), and the new positions, (n, 3), and returns corrected positions.
     """
     scales, halvings = np.ones(len(steps)), np.zeros(len(steps), int)
     least = {kind: _least_parts(vertices, corners, kind) for kind, corners in cells.items()}
@@ -62,9 +62,9 @@ def sound_move(
 
 
 def _least_parts(vertices: Floats, cells: Ints, kind: str) -> Floats:
-    """Return the least that each part of each cell may come to, (m, k): a share of its own.
+    """Return the least allowed volume or area of each part of each cell, (m, k): a share of its own.
 
-    A cell that is folded to begin with, some part of it not positive, may not fold further.
+    A cell that is folded from the start, with some part not positive, may not fold further.
     """
     parts = parts_of(vertices, cells, kind)
     return np.asarray(np.where((parts > 0.0).all(axis=1, keepdims=True), LEAST_SHARE * parts, parts))
@@ -73,8 +73,8 @@ def _least_parts(vertices: Floats, cells: Ints, kind: str) -> Floats:
 def parts_of(vertices: Floats, cells: Ints, kind: str) -> Floats:
     """Return the signed volumes of the tetrahedra between a cell's centre, its face centres and its edges, (m, k).
 
-    Of a planar cell, the signed areas of the triangles between its centre and its edges. Where all are positive, all
-    of the cell is seen from its centre, and every channel lies within it.
+    For a planar cell, the signed areas of the triangles between its centre and its edges. If all are positive, the
+    whole cell can be seen from its centre, and every channel lies inside it.
     """
     corners = vertices[cells]
     spokes = corners - corners.mean(axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""The solid filled with tetrahedra for finite elements, and what the mesh is checked for."""
+"""Tetrahedral meshes of the solid for finite elements, and their checks."""
 
 from __future__ import annotations
 
@@ -14,38 +14,38 @@ from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import Arrays, call_in_child
 
 VOLUME_TOLERANCE = 0.01
-"""How far the volume of the cells may be from that of the solid, as a share of it."""
+"""Greatest difference between the volumes of the cells and of the solid, as a share of the solid's."""
 
 ENVELOPE = 0.15
-"""How far the mesh may lie off the solid, in target edges and in volumes over areas, the lesser of both.
+"""Greatest distance between mesh and solid, as a share of the target edge or of volume / area, whichever is smaller.
 
-The cells cut corners on average: on a ball of 12 mm they took 0.4 % less than the solid at 0.1 of volume over area,
+The cells cut corners: on a ball of 12 mm their volume was 0.4 % below that of the solid at 0.1 of volume / area,
 0.6 % at 0.15, 0.9 % at 0.2 and 2.1 % at 0.4.
 """
 
-ENOUGH = 0.7
-"""Edge length of the triangles, in target edges, that the solid's surface is thinned out to before it is filled."""
+SURFACE_EDGE = 0.7
+"""Edge length of the triangles to which the solid's surface is simplified before meshing, in target edges."""
 
 ROUNDS, ENERGY = 40, 10.0
-"""Rounds of improvement, and the energy of the worst cell at which they end before: at 30 the ball took half the time,
-but its flattest cell had a dihedral angle of 2 to 3 degrees instead of 11."""
+"""Rounds of optimisation, and the energy of the worst cell at which they end: at an energy of 30 the ball took half the
+time, but its flattest cell had a dihedral angle of 2 to 3 degrees instead of 11."""
 
-MANY, FEW_ROUNDS = 40_000, 4
-"""Triangles above which so few rounds must do: the worst of so many cells never gets as good, and all rounds are run.
+LARGE_SURFACE, LARGE_SURFACE_ROUNDS = 40_000, 4
+"""Number of triangles above which fewer rounds are run, and these: the worst of so many cells never reaches `ENERGY`.
 
 On a femoral head of 56,000 triangles 40 rounds did not end within 20 minutes, as each refines around the few bad cells.
 4 rounds took 133 s of one core: 74,063 cells, 0.17 % less volume, 213 cells flatter than 5 degrees, the worst 0.7.
 """
 
 FLAT = 5.0
-"""Dihedral angle, degrees, below which a cell is told of: finite elements lose digits on it."""
+"""Dihedral angle, degrees, below which a cell is reported as flat: finite elements lose accuracy on it."""
 
 _EQUILATERAL = 0.433
 """Area of an equilateral triangle in squares of its edge."""
 
 
 class Quality(NamedTuple):
-    """The least scaled Jacobian and dihedral angle (degrees) of the cells; 1 and 70.5 are those of a regular one.
+    """The least scaled Jacobian and dihedral angle (degrees) of all cells; a regular tetrahedron has 1 and 70.5.
 
     `flat_cells` have a dihedral angle below `FLAT`.
     """
@@ -56,23 +56,24 @@ class Quality(NamedTuple):
 
 
 def default_edge(solid: Solid) -> float:
-    """Return about half the thickness of a strut, mm: for a rod of thickness t, volume / area = t / 4."""
+    """Return about half the strut thickness, mm: a rod of thickness t has volume / area = t / 4."""
     return 2.0 * solid.volume / solid.area
 
 
 def mesh_of(solid: Solid, edge: float | None, seconds: float) -> VolumeMesh:
-    """Return the solid as tetrahedra of about `edge` mm, `default_edge` for None, with facts of them.
+    """Return the solid as tetrahedra with edges of about `edge` mm, by default `default_edge`, with facts of the mesh.
 
-    fTetWild cannot repeat itself. Raises `StageError` where it dies or takes more than `seconds`, and where the cells
-    are not what `require_solid` asks for.
+    fTetWild is not deterministic. Raises `StageError` if it crashes or takes more than `seconds`, or if the cells fail
+    `require_solid`.
     """
     target = edge or default_edge(solid)
     envelope = ENVELOPE * min(target, solid.volume / solid.area)
+    triangles = solid.area / (_EQUILATERAL * (SURFACE_EDGE * target) ** 2)
     centre = solid.bounds.mean(axis=0)
     answer = call_in_child(
-        fill,
+        simplify_and_fill,
         {"vertices": solid.vertices - centre, "faces": solid.faces},
-        {"triangles": solid.area / (_EQUILATERAL * (ENOUGH * target) ** 2), "target": target, "envelope": envelope},
+        {"triangles": triangles, "target": target, "envelope": envelope},
         seconds=seconds,
         about=f"mesh of the solid, {len(solid.faces)} triangles, edge_length {target:.3g} mm; raise edge_length or "
         "time_limit",
@@ -80,18 +81,18 @@ def mesh_of(solid: Solid, edge: float | None, seconds: float) -> VolumeMesh:
     mesh = VolumeMesh(answer["vertices"] + centre, answer["cells"])
     require_solid(mesh, solid)
     _warn_of_other_topology(mesh, solid)
-    facts: dict[str, Fact] = {"target_edge": target, "envelope": envelope, **_measure_quality(mesh, solid)}
+    facts: dict[str, Fact] = {"target_edge": target, "envelope": envelope, **_quality_facts(mesh, solid)}
     return VolumeMesh(mesh.vertices, mesh.tetrahedra, facts=facts)
 
 
-def _measure_quality(mesh: VolumeMesh, solid: Solid) -> dict[str, Fact]:
+def _quality_facts(mesh: VolumeMesh, solid: Solid) -> dict[str, Fact]:
     from igl import point_mesh_squared_distance
 
-    worst = quality(mesh)
+    worst = measure_quality(mesh)
     if worst.flat_cells:
         warn(
             f"mesh of the solid: {worst.flat_cells} of {len(mesh.tetrahedra)} cells have a dihedral angle below "
-            f"{FLAT:g} degrees, the least {worst.dihedral_angle:.2g}; a larger edge_length gives rounder cells"
+            f"{FLAT:g} degrees, the least {worst.dihedral_angle:.2g}; a larger edge_length gives better cells"
         )
     skin = mesh.vertices[np.unique(_faces(mesh.tetrahedra).outer)]
     squared, _, _ = point_mesh_squared_distance(skin, solid.vertices, solid.faces)
@@ -105,33 +106,34 @@ def _measure_quality(mesh: VolumeMesh, solid: Solid) -> dict[str, Fact]:
     }
 
 
-def fill(vertices: Floats, faces: Ints, triangles: float, target: float, envelope: float) -> Arrays:
-    """Return what `run_ftetwild` makes of the surface, thinned out to so many `triangles`: the child's side.
+def simplify_and_fill(vertices: Floats, faces: Ints, triangles: float, target: float, envelope: float) -> Arrays:
+    """Return the tetrahedra of `run_ftetwild` in the surface, simplified to about `triangles`; runs in a child process.
 
-    By quadrics that keep the volume: each triangle costs fTetWild time, and those of a voxel are smaller than cells.
+    The simplification keeps the volume. It saves time: the triangles of a voxel surface are smaller than the cells.
     """
     from pyvista import PolyData
 
     if triangles < len(faces):
-        thinned = PolyData.from_regular_faces(vertices, faces).decimate(
+        simplified = PolyData.from_regular_faces(vertices, faces).decimate(
             1.0 - triangles / len(faces), volume_preservation=True
         )
-        vertices, faces = np.asarray(thinned.points, np.float64), thinned.regular_faces
-    return run_ftetwild(vertices, faces, target, envelope, ROUNDS if len(faces) <= MANY else FEW_ROUNDS, ENERGY)
+        vertices, faces = np.asarray(simplified.points, np.float64), simplified.regular_faces
+    rounds = ROUNDS if len(faces) <= LARGE_SURFACE else LARGE_SURFACE_ROUNDS
+    return run_ftetwild(vertices, faces, target, envelope, rounds, ENERGY)
 
 
 def require_solid(mesh: VolumeMesh, solid: Solid) -> None:
-    """Check that the cells hang together by their faces as the solid does, and fill its volume.
+    """Require that the cells form as many face-connected pieces as the solid, and have its volume.
 
-    That each has a positive volume, and one neighbour at a face, `VolumeMesh` has checked. Raises `StageError`.
+    `VolumeMesh` has checked that each cell has a positive volume and one neighbour per face. Raises `StageError`.
     """
     from scaffold_geometry.surfaces.triangles import face_pieces, piece_volumes
 
     pieces = int((piece_volumes(solid.vertices, solid.faces, face_pieces(solid.faces)) > 0.0).sum())
-    if (found := _pieces(mesh.tetrahedra)) != pieces:
+    if (got := _pieces(mesh.tetrahedra)) != pieces:
         raise StageError(
-            f"mesh of the solid: must be in as many pieces as it, {pieces}, but its cells are in {found}; lower "
-            "edge_length, which thin struts are lost at"
+            f"mesh of the solid: number of pieces: must be {pieces} as in the solid, got {got}; thin struts are lost: "
+            "lower edge_length"
         )
     if not abs(mesh.volume - solid.volume) <= VOLUME_TOLERANCE * solid.volume:
         raise StageError(
@@ -144,15 +146,15 @@ def _warn_of_other_topology(mesh: VolumeMesh, solid: Solid) -> None:
     if difference := _euler_difference(mesh, solid):
         what = "narrow gaps are bridged" if difference < 0 else "thin struts are broken, or small holes filled"
         warn(
-            f"mesh of the solid: its Euler characteristic is {difference:+d} off that of the solid: {what}; lower "
-            "edge_length for a closer mesh"
+            f"mesh of the solid: its Euler characteristic differs by {difference:+d} from that of the solid: {what}; "
+            "lower edge_length for a closer mesh"
         )
 
 
 def _euler_difference(mesh: VolumeMesh, solid: Solid) -> int:
-    """Return the Euler characteristic, pieces - handles + closed pores, of the mesh less that of the solid.
+    """Return the Euler characteristic, pieces - handles + closed pores, of the mesh minus that of the solid.
 
-    A closed surface has twice that of what it bounds.
+    A closed surface has twice the Euler characteristic of the body that it bounds.
     """
     from scaffold_geometry.surfaces.triangles import euler_characteristic
 
@@ -162,7 +164,7 @@ def _euler_difference(mesh: VolumeMesh, solid: Solid) -> int:
 
 
 class _Faces(NamedTuple):
-    """How many faces cells have, those of one cell only, (t, 3), and the pairs of cells, (p, 2), at one face."""
+    """The number of faces, the boundary faces, (t, 3), and the pairs of cells that share a face, (p, 2)."""
 
     number: int
     outer: Ints
@@ -179,7 +181,7 @@ def _faces(cells: Ints) -> _Faces:
 
 
 def _pieces(cells: Ints) -> int:
-    """Return in how many pieces cells (m, 4) are that share faces."""
+    """Return the number of face-connected pieces of cells (m, 4)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -188,11 +190,11 @@ def _pieces(cells: Ints) -> int:
     return int(connected_components(graph, directed=False)[0])
 
 
-def quality(mesh: VolumeMesh) -> Quality:
-    """Return the worst of the cells.
+def measure_quality(mesh: VolumeMesh) -> Quality:
+    """Return the worst quality of the cells.
 
-    Scaled Jacobian after Knupp, SIAM J. Sci. Comput. 23 (2001) 193-218: six times the volume over the greatest product
-    of the three edges at a corner, times sqrt(2).
+    Scaled Jacobian after Knupp, SIAM J. Sci. Comput. 23 (2001) 193-218: six times the volume, divided by the greatest
+    product of the three edges at a corner, times sqrt(2).
     """
     corners = mesh.vertices[mesh.tetrahedra]
     products = [

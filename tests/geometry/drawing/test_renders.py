@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from scaffold_geometry.drawing.renders import draw_surface, frame, round_length
+from scaffold_geometry.drawing.renders import draw_surface, fit_view, round_length
 from scaffold_pipeline.processes.isolation import call_in_child
 
 WINDOW = "vtkEGLRenderWindow" if sys.platform == "linux" else ""
@@ -69,7 +69,7 @@ def test_faces_to_and_from_the_light_differ_and_are_bone_coloured():
 
 
 def test_the_scale_bar_has_its_length():
-    image, view = pixels(draw()), frame(10.0 * CORNERS)
+    image, view = pixels(draw()), fit_view(10.0 * CORNERS)
     bar = (image[view.height - 27] == (51, 55, 61)).all(axis=1).sum()
 
     assert image.shape == (view.height, view.width, 3)
@@ -85,7 +85,7 @@ def test_a_surface_far_from_the_origin_looks_the_same():
 @pytest.mark.parametrize("size", [(1.0, 1.0, 1.0), (400.0, 30.0, 30.0), (30.0, 400.0, 30.0), (5.0, 5.0, 90.0)])
 def test_all_of_a_surface_is_in_view_whatever_its_shape(size: tuple[float, float, float]):
     vertices = CORNERS * size + 7.0
-    view = frame(vertices)
+    view = fit_view(vertices)
     across, upward, _ = np.abs((vertices - view.centre) @ view.axes.T).max(axis=0) / view.mm_per_pixel
 
     assert np.allclose(view.axes @ view.axes.T, np.eye(3))

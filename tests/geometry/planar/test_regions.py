@@ -65,12 +65,12 @@ def test_pixels_are_filled_where_their_centre_is_inside():
     outer, hole = 40.0 * star() + [45.3, 50.1], 12.0 * star(seed=2) + [44.9, 51.2]
     grid = np.stack(np.meshgrid(np.arange(90), np.arange(100), indexing="ij"), -1).reshape(-1, 2)
     expected = points_in_poly(grid, outer) ^ points_in_poly(grid, hole)
-    assert np.array_equal(regions.fill([outer, hole[::-1]], (90, 100)), expected.reshape(90, 100))
+    assert np.array_equal(regions.rasterise([outer, hole[::-1]], (90, 100)), expected.reshape(90, 100))
 
 
 def test_what_of_a_ring_lies_beyond_the_pixels_is_not_drawn():
     around = np.array([(-50.0, -50.0), (50.0, -50.0), (50.0, 4.5), (-50.0, 4.5)])
-    filled = regions.fill([around], (8, 10))
+    filled = regions.rasterise([around], (8, 10))
     assert filled[:, :5].all()
     assert not filled[:, 5:].any()
 

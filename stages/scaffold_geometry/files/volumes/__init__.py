@@ -1,1 +1,1 @@
-"""Files of volume meshes: a module for each format that is read."""
+"""Files of volume meshes: one module per format."""

@@ -1,7 +1,7 @@
-"""Abaqus input files (.inp), with parts and instances, or without, as CalculiX has them.
+"""Abaqus input files (.inp), with parts and instances, or without them, as CalculiX has them.
 
-The keywords are described in the Abaqus Keywords Guide. meshio keeps the nodes of the last part alone, and takes the
-elements of the others to be of them.
+The keywords are described in the Abaqus Keywords Guide. meshio keeps only the nodes of the last part, and connects the
+elements of all parts to them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from scaffold_geometry.files.volumes.blocks import (
 from scaffold_pipeline.errors import StageError
 
 _SOLID = re.compile(r"(?:C|DC|DCC|AC|EMC|Q|F)3D(4|5|6|8|10|13|15|18|20|27)(?![0-9])\w*|(?:SC|CSS)(6|8)R?\w*")
-"""Names of elements that fill space, and of continuum shells, which are given by both of their sides."""
+"""Names of solid elements, and of continuum shells, which have nodes on both sides."""
 
 _NOT_SOLID = frozenset({"F3D3", "F3D4"})
 """Abaqus's facets of fluid cavities."""
@@ -41,7 +41,7 @@ _KINDS = {
 }
 
 _GENERATORS = frozenset({"INCLUDE", "NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM"})
-"""What makes or moves nodes and elements, or fetches them from elsewhere."""
+"""Keywords that generate or move nodes and elements, or read them from other files."""
 
 
 class _Keyword(NamedTuple):
@@ -55,21 +55,21 @@ class _Keyword(NamedTuple):
 
 @dataclass
 class _Part:
-    """Nodes (ids, x, y, z) and elements of one part, as their blocks come."""
+    """Nodes (id, x, y, z) and elements of one part, block by block."""
 
     nodes: list[Floats] = field(default_factory=list)
     elements: list[tuple[ElementType, int, Ints]] = field(default_factory=list)
 
 
 class _Instance(NamedTuple):
-    """A part placed in the assembly: `moves` are its data lines, a translation and a rotation at most."""
+    """A part placed in the assembly: `moves` are its data lines, at most a translation and a rotation."""
 
     part: str
     moves: list[Floats]
 
 
 def read_abaqus(path: Path) -> Blocks:
-    """Read the input file `path`: nodes and elements of all parts, each at the places of its instances."""
+    """Read the input file `path`: nodes and elements of all parts, at the positions of their instances."""
     parts: dict[str, _Part] = {"": _Part()}
     instances: list[_Instance] = []
     current = ""
@@ -91,7 +91,8 @@ def read_abaqus(path: Path) -> Blocks:
             parts[current].elements.append(_elements(keyword, place))
         elif keyword.name in _GENERATORS:
             raise StageError(
-                f"{place} is not followed; write the mesh out whole, for instance from Abaqus/CAE or as VTU or MSH"
+                f"{place} is not supported; export the mesh with all its nodes and elements, for example from "
+                "Abaqus/CAE, or as VTU or MSH"
             )
     return _assemble(parts, [_Instance("", []), *instances], path.name)
 
@@ -113,7 +114,7 @@ def _keywords(path: Path) -> Iterator[_Keyword]:
         elif keyword:
             keyword.data.append(text)
         else:
-            raise StageError(f"{path.name}: is no Abaqus input file: line {number} stands under no keyword; {AGAIN}")
+            raise StageError(f"{path.name}: is not an Abaqus input file: line {number} is under no keyword; {AGAIN}")
     if keyword:
         yield keyword
 
@@ -121,22 +122,22 @@ def _keywords(path: Path) -> Iterator[_Keyword]:
 def _nodes(keyword: _Keyword, place: str) -> Floats:
     """Return rows of id, x, y, z."""
     if {"INPUT", "SYSTEM"} & set(keyword.options):
-        raise StageError(f"{place} with INPUT or SYSTEM is not followed; write the nodes out in x, y, z")
+        raise StageError(f"{place} with INPUT or SYSTEM is not supported; write the nodes as x, y, z into the file")
     joined = b"\n".join(keyword.data).replace(b"D", b"E").replace(b"d", b"e")  # Fortran's exponents
     numbers = numbers_in(joined.replace(b",", b" "), place)
     if len(numbers) != 4 * len(keyword.data):
         raise StageError(
-            f"{place}: {len(keyword.data)} nodes have {len(numbers)} numbers, must have 4 each (number, x, y, z); "
-            f"{AGAIN}"
+            f"{place}: must have 4 numbers per node (number, x, y, z), got {len(numbers)} for {len(keyword.data)} "
+            f"nodes; {AGAIN}"
         )
     return numbers.reshape(-1, 4)
 
 
 def _elements(keyword: _Keyword, place: str) -> tuple[ElementType, int, Ints]:
-    """Return a block's type, how many elements it has, and the numbers of their nodes if they are solid."""
+    """Return a block's type, its number of elements, and the numbers of their nodes if they are solid elements."""
     name = keyword.options.get("TYPE", "")
     if "INPUT" in keyword.options:
-        raise StageError(f"{place} with INPUT is not followed; write the elements into the file itself")
+        raise StageError(f"{place} with INPUT is not supported; write the elements into the file itself")
     solid = None if name in _NOT_SOLID else _SOLID.fullmatch(name)
     if not solid:
         lines = sum(not line.endswith(b",") for line in keyword.data)
@@ -146,19 +147,19 @@ def _elements(keyword: _Keyword, place: str) -> tuple[ElementType, int, Ints]:
     numbers = to_indices(numbers_in(joined, place), place)
     if len(numbers) % (size + 1):
         raise StageError(
-            f"{place}, TYPE={name}: has {len(numbers)} numbers, no multiple of {size + 1} (an element's own and its "
-            f"{size} nodes'): the file is cut off or damaged; {AGAIN}"
+            f"{place}, TYPE={name}: must have {size + 1} numbers per element (its own and its {size} nodes), got "
+            f"{len(numbers)} numbers in all; {AGAIN}"
         )
     rows = numbers.reshape(-1, size + 1)[:, 1:]
     return element_type(_KINDS[size], size), len(rows), rows
 
 
 def _assemble(parts: dict[str, _Part], instances: list[_Instance], name: str) -> Blocks:
-    """Return the nodes and elements of all instances together; a part without an instance stands where it is."""
+    """Return the nodes and elements of all instances together; a part without an instance is taken as it is."""
     placed = {instance.part for instance in instances}
     missing = placed - set(parts)
     if missing:
-        raise StageError(f"{name}: has an instance of part {min(missing)!r}, which it does not hold; {AGAIN}")
+        raise StageError(f"{name}: has an instance of part {min(missing)!r}, but no such part; {AGAIN}")
     alone = [_Instance(part, []) for part in parts if part not in placed]
     points, blocks, start = [np.empty((0, 3))], [], 0
     for instance in [*instances, *alone]:
@@ -174,7 +175,7 @@ def _assemble(parts: dict[str, _Part], instances: list[_Instance], name: str) ->
 
 
 def _place_instance(points: Floats, moves: list[Floats], name: str) -> Floats:
-    """Return points translated by a line of 3 numbers, then turned by one of 7: two points of the axis, degrees."""
+    """Return points translated by a line of 3 numbers and rotated by a line of 7: two points of the axis, degrees."""
     for move in moves:
         if len(move) == 3:
             points = points + move
@@ -185,6 +186,6 @@ def _place_instance(points: Floats, moves: list[Floats], name: str) -> Floats:
             points = Rotation.from_rotvec(axis * move[6], degrees=True).apply(points - move[:3]) + move[:3]
         else:
             raise StageError(
-                f"{name}: an instance is placed by {move.tolist()}, must be 3 numbers or 7 with an axis; {AGAIN}"
+                f"{name}: an instance's position must be 3 numbers, or 7 with an axis, got {move.tolist()}; {AGAIN}"
             )
     return points

@@ -1,6 +1,6 @@
-"""What every reader of volume files makes: points, and blocks of elements of one type, as the file has them.
+"""The common form of volume files: points, and blocks of elements of one type, as they are in the file.
 
-The corners of an element of any order come first among its nodes, in all of the formats read here.
+In all formats read here the corners of an element, whatever its order, are its first nodes.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from scaffold_pipeline.errors import StageError
 AGAIN = "the file is damaged, export or download it again"
 
 CORNERS = {name: kind.corners for name, kind in CELL_TYPES.items() if not kind.is_planar}
-"""The kinds of cells that a volume mesh may have, and their corners."""
+"""The kinds of cells of a volume mesh, and their numbers of corners."""
 
 
 class ElementType(NamedTuple):
-    """A file's type of element: its name for people, its dimension, and the kind of cell that it is, if it is one.
+    """A type of element in a file: its name in messages, its dimension, and its kind of cell, None if it is no cell.
 
-    `nodes` is how many an element has, 0 where that differs from one to the next.
+    `nodes` is the number of nodes of an element, 0 if it varies.
     """
 
     name: str
@@ -34,7 +34,7 @@ class ElementType(NamedTuple):
 
 
 class Block(NamedTuple):
-    """`number` elements of one type; `nodes` (number, k) counts points from 0; it may be empty for what is no cell."""
+    """`number` elements of one type; `nodes` (number, k) are indices of points, or empty if they are no cells."""
 
     type: ElementType
     number: int
@@ -42,14 +42,14 @@ class Block(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """What a file holds: `points` (n, 3) in the file's unit, and its blocks of elements."""
+    """The content of a file: `points` (n, 3) in the file's unit, and its blocks of elements."""
 
     points: Floats
     blocks: list[Block]
 
 
 def complete_types(kind: str, numbers: dict[int, int]) -> dict[int, ElementType]:
-    """Return the types of a file's `numbers` -> polynomial order: elements of `kind` with all nodes of their order."""
+    """Return the element types by a file's `numbers` -> polynomial order: complete elements of `kind`."""
     node_counts: dict[str, Callable[[int], int]] = {
         "line": lambda p: p + 1,
         "triangle": lambda p: (p + 1) * (p + 2) // 2,
@@ -63,53 +63,51 @@ def complete_types(kind: str, numbers: dict[int, int]) -> dict[int, ElementType]
 
 
 def element_type(shape: str, nodes: int) -> ElementType:
-    """Return the type of elements of a usual `shape` with `nodes` nodes each."""
+    """Return the type of elements of a common `shape` with `nodes` nodes each."""
     flat = {"point": 0, "line": 1, "triangle": 2, "quadrangle": 2}
     name = f"{shape} of {nodes} nodes" if nodes else shape
     return ElementType(name, flat.get(shape, 3), shape if shape in CORNERS else None, nodes)
 
 
 def numbers_in(text: bytes, place: str) -> Floats:
-    """Return the numbers in `text`, apart by white space; `place` names it in the error that anything else is."""
+    """Return the numbers in `text`, separated by white space; raises `StageError` with `place` for anything else."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy stops at the first word that is no number, and tells so this way
+            warnings.simplefilter("error")  # numpy stops at the first word that is no number, with a warning
             return np.fromstring(text, np.float64, sep=" ")
     except (DeprecationWarning, ValueError) as error:
-        raise StageError(f"{place}: a number is expected, something else is there; {AGAIN}") from error
+        raise StageError(f"{place}: must contain numbers only, got other text; {AGAIN}") from error
 
 
 def to_indices(numbers: Floats, place: str) -> Ints:
-    """Return numbers that must be whole as integers."""
+    """Return numbers as integers; raises `StageError` if one is not whole."""
     with np.errstate(invalid="ignore"):
         whole = numbers.astype(np.int64)
         if (whole != numbers).any():
-            raise StageError(f"{place}: a count or a number of a node is no whole number; {AGAIN}")
+            raise StageError(f"{place}: counts and node numbers must be whole numbers; {AGAIN}")
     return whole
 
 
 def require_numbers(have: int, needed: int, place: str) -> None:
-    """Require that `needed` numbers are there, before anything of that size is made."""
+    """Require that `needed` of `have` numbers exist, before an array of that size is made."""
     if not 0 <= needed <= have:
-        raise StageError(
-            f"{place}: announces {needed} numbers, but {have} follow: the file is cut off or damaged; {AGAIN}"
-        )
+        raise StageError(f"{place}: announces {needed} numbers, but {have} follow: the file is truncated; {AGAIN}")
 
 
 def places_of(names: Ints, wanted: Ints, file: str) -> Ints:
-    """Return where in `names` (n,), the file's own numbers of its nodes, each of `wanted` is."""
+    """Return the index in `names` (n,), the file's own node numbers, of each of `wanted`."""
     order = np.argsort(names, kind="stable")
     ordered = names[order]
     twice = np.flatnonzero(ordered[1:] == ordered[:-1])
     if len(twice):
-        raise StageError(f"{file}: {len(twice)} nodes have the number of another (one is {ordered[twice[0]]}); {AGAIN}")
+        raise StageError(f"{file}: {len(twice)} node numbers are used twice (one is {ordered[twice[0]]}); {AGAIN}")
     if not len(names):
         raise StageError(f"{file}: has elements, but no nodes; {AGAIN}")
-    found = np.minimum(np.searchsorted(ordered, wanted), len(names) - 1)
-    missing = ordered[found] != wanted
+    places = np.minimum(np.searchsorted(ordered, wanted), len(names) - 1)
+    missing = ordered[places] != wanted
     if missing.any():
         raise StageError(
-            f"{file}: its elements name {len(np.unique(wanted[missing]))} nodes that it does not hold "
+            f"{file}: its elements use {len(np.unique(wanted[missing]))} nodes that are not in the file "
             f"(one is {wanted[missing].flat[0]}); {AGAIN}"
         )
-    return np.asarray(order[found])
+    return np.asarray(order[places])

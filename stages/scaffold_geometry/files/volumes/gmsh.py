@@ -1,6 +1,6 @@
 """Gmsh's MSH files of versions 1, 2 and 4, as text or binary; Gmsh's manual describes them under "File formats".
 
-meshio ends the interpreter on version 1 and reads no binary version 2 whose nodes are not numbered 1..n.
+meshio ends the interpreter on version 1, and cannot read binary version 2 unless nodes are numbered 1..n.
 """
 
 from __future__ import annotations
@@ -41,37 +41,37 @@ _TYPES = {
     19: element_type("pyramid", 13),
     20: element_type("triangle", 9),
 }
-"""Gmsh's numbers of the types that have all nodes of their order, and of the usual ones that lack some."""
+"""Gmsh's type numbers of complete elements of any order, and of the common incomplete (serendipity) ones."""
 
 _SIZE, _INT, _DOUBLE = "u8", "i4", "f8"
 
 _MOST_TAGS = 10_000
-"""Of one element: two, and one for each part of a mesh that was cut up for as many processors."""
+"""Greatest number of tags of an element: two, and one for each partition of a mesh for parallel computing."""
 
 
 class _Elements(NamedTuple):
-    """Elements of one type: `nodes` (m, k) are the file's own numbers."""
+    """Elements of one type: `nodes` (m, k) are the file's own node numbers."""
 
     type: ElementType
     nodes: Ints
 
 
 class _Header(NamedTuple):
-    """A file's version, and the byte order of its numbers: `<` or `>`, or nothing where they are text."""
+    """A file's version, and the byte order of its numbers: `<` or `>`, or empty for a text file."""
 
     version: float
     byte_order: str
 
 
 class _Numbers:
-    """The numbers of one section from front to back; as float64, which is exact for whole numbers below 2^53."""
+    """The numbers of one section in order, as float64, which is exact for whole numbers below 2^53."""
 
     def __init__(self, body: bytes, byte_order: str, place: str) -> None:
         self._body, self._byte_order, self._at, self.place = body, byte_order, 0, place
         self._words = None if byte_order else numbers_in(body, place)
 
     def take(self, count: int, *kinds: str) -> Floats:
-        """Return the next `count` records, (count, k): a number for each of `kinds`, its type in a binary file."""
+        """Return the next `count` records, (count, k): one number for each of `kinds`, the types in a binary file."""
         width = len(kinds)
         if self._words is not None:
             require_numbers(len(self._words) - self._at, count * width, self.place)
@@ -79,9 +79,9 @@ class _Numbers:
             return self._words[self._at - count * width : self._at].reshape(count, width)
         record = np.dtype([(str(i), self._byte_order + kind) for i, kind in enumerate(kinds)])
         require_numbers((len(self._body) - self._at) // record.itemsize, count, self.place)
-        found = np.frombuffer(self._body, record, count, self._at)
+        records = np.frombuffer(self._body, record, count, self._at)
         self._at += count * record.itemsize
-        return np.column_stack([found[str(i)].astype(np.float64) for i in range(width)])
+        return np.column_stack([records[str(i)].astype(np.float64) for i in range(width)])
 
     def ints(self, *kinds: str) -> list[int]:
         """Return the next whole numbers, one for each of `kinds`."""
@@ -89,11 +89,11 @@ class _Numbers:
 
     @property
     def is_at_end(self) -> bool:
-        """Whether all of a section of text is read."""
+        """Whether a text section is read to its end."""
         return self._words is not None and self._at >= len(self._words)
 
     def ahead(self) -> Floats:
-        """Return all that is left of a section of text."""
+        """Return the rest of a text section."""
         return self._words[self._at :] if self._words is not None else np.empty(0)
 
 
@@ -108,24 +108,24 @@ def read_gmsh(path: Path) -> Blocks:
     nodes, elements = (_numbers(sections[of], header, f"{path.name}: ${of}") for of in (node_name, element_name))
     ids, points = _nodes(nodes, header)
     blocks = []
-    for found in _elements(elements, header):
-        is_wanted = found.type.kind is not None
-        places = places_of(ids, found.nodes, path.name) if is_wanted else np.empty((0, 0), np.int64)
-        blocks.append(Block(found.type, len(found.nodes), places))
+    for block in _elements(elements, header):
+        is_wanted = block.type.kind is not None
+        places = places_of(ids, block.nodes, path.name) if is_wanted else np.empty((0, 0), np.int64)
+        blocks.append(Block(block.type, len(block.nodes), places))
     return Blocks(points, blocks)
 
 
 def _sections(content: bytes, name: str) -> dict[str, bytes]:
-    """Return what stands between each `$Name` and its `$EndName`, in version 1 `$ENDNAME`."""
-    found, at = {}, 0
+    """Return the text between each `$Name` and its `$EndName`, in version 1 `$ENDNAME`."""
+    sections, at = {}, 0
     while begin := re.compile(rb"^\$([A-Za-z]\w*)[ \t]*\r?\n", re.MULTILINE).search(content, at):
         section = begin[1].decode()
         end = content.find(b"$End" + begin[1], begin.end())
         end = end if end >= 0 else content.find(b"$END" + begin[1], begin.end())
         if end < 0:
-            raise StageError(f"{name}: its section ${section} has no end: the file is cut off; {AGAIN}")
-        found[section], at = content[begin.end() : end], end + 1
-    return found
+            raise StageError(f"{name}: section ${section} has no end: the file is truncated; {AGAIN}")
+        sections[section], at = content[begin.end() : end], end + 1
+    return sections
 
 
 def _header(sections: dict[str, bytes], name: str) -> _Header:
@@ -137,10 +137,10 @@ def _header(sections: dict[str, bytes], name: str) -> _Header:
         version, is_binary = float(words[0]), int(words[1]) != 0
     except (IndexError, ValueError) as error:
         raise StageError(
-            f"{name}: is no Gmsh file (no $MeshFormat); if another program's, have it write VTU, else {AGAIN}"
+            f"{name}: is not a Gmsh file (no $MeshFormat); if another program wrote it, export VTU, else {AGAIN}"
         ) from error
     if int(version) not in {2, 4}:
-        raise StageError(f"{name}: is of MSH version {version:g}, read are 1, 2 and 4; export it as one of these")
+        raise StageError(f"{name}: MSH version must be 1, 2 or 4, got {version:g}; export it as one of these")
     one = int.from_bytes(rest[:4], "little")
     return _Header(version, ("<" if one == 1 else ">") if is_binary else "")
 
@@ -150,18 +150,18 @@ def _numbers(body: bytes, header: _Header, place: str) -> _Numbers:
 
 
 def _with_count(body: bytes, header: _Header, place: str) -> bytes:
-    """Return a section's body, its count in the form of its numbers: version 2 has it as text in binary files, too."""
+    """Return a section's body with its count in the form of its numbers: version 2 has a text count in binary files."""
     if not header.byte_order or header.version >= 4:
         return body
     count, _, rest = body.partition(b"\n")
-    found = to_indices(numbers_in(count, place), place)
-    require_numbers(len(found), 1, place)
-    require_numbers(len(rest), int(found[0]), place)
-    return np.array(found[:1], header.byte_order + _SIZE).tobytes() + rest
+    counts = to_indices(numbers_in(count, place), place)
+    require_numbers(len(counts), 1, place)
+    require_numbers(len(rest), int(counts[0]), place)
+    return np.array(counts[:1], header.byte_order + _SIZE).tobytes() + rest
 
 
 def _nodes(section: _Numbers, header: _Header) -> tuple[Ints, Floats]:
-    """Return the numbers (n,) and places (n, 3) of the nodes."""
+    """Return the numbers (n,) and positions (n, 3) of the nodes."""
     coordinates = (_DOUBLE, _DOUBLE, _DOUBLE)
     if header.version < 4:
         (count,) = section.ints(_SIZE)
@@ -174,7 +174,7 @@ def _nodes(section: _Numbers, header: _Header) -> tuple[Ints, Floats]:
         one, other, is_parametric, count = section.ints(_INT, _INT, _INT, _SIZE)
         dimension = other if is_first else one
         if not 0 <= dimension <= 3:
-            raise StageError(f"{section.place}: a block is of dimension {dimension}, must be 0 to 3; {AGAIN}")
+            raise StageError(f"{section.place}: the dimension of a block must be 0 to 3, got {dimension}; {AGAIN}")
         parameters = [_DOUBLE] * (dimension if is_parametric else 0)
         if is_first:
             rows = section.take(count, _INT, *coordinates, *parameters)
@@ -190,42 +190,42 @@ def _elements(section: _Numbers, header: _Header) -> list[_Elements]:
     if header.version >= 4:
         return _elements_in_blocks(section, header)
     (count,) = section.ints(_SIZE)
-    found = _binary_elements(section, count) if header.byte_order else _text_elements(section, header)
-    have = sum(len(elements.nodes) for elements in found)
+    blocks = _binary_elements(section, count) if header.byte_order else _text_elements(section, header)
+    have = sum(len(elements.nodes) for elements in blocks)
     if have != count:
         raise StageError(f"{section.place}: announces {count} elements, but {have} follow; {AGAIN}")
-    return found
+    return blocks
 
 
 def _elements_in_blocks(section: _Numbers, header: _Header) -> list[_Elements]:
     is_first = header.version < 4.1
     number = _INT if is_first else _SIZE
     block_count = section.ints(*[_SIZE] * (2 if is_first else 4))[0]
-    found = []
+    blocks = []
     for _ in range(block_count):
         _, _, type_number, count = section.ints(_INT, _INT, _INT, _SIZE)
         of_type = _type(type_number, section.place)
         rows = section.take(count, *[number] * (1 + of_type.nodes))
-        found.append(_Elements(of_type, to_indices(rows[:, 1:], section.place)))
-    return found
+        blocks.append(_Elements(of_type, to_indices(rows[:, 1:], section.place)))
+    return blocks
 
 
 def _binary_elements(section: _Numbers, count: int) -> list[_Elements]:
-    found: list[_Elements] = []
-    while sum(len(elements.nodes) for elements in found) < count:
+    blocks: list[_Elements] = []
+    while sum(len(elements.nodes) for elements in blocks) < count:
         type_number, of_block, tags = section.ints(_INT, _INT, _INT)
         of_type = _type(type_number, section.place)
         if of_block < 1 or not 0 <= tags <= _MOST_TAGS:
-            raise StageError(f"{section.place}: a block announces {of_block} elements of {tags} tags; {AGAIN}")
+            raise StageError(f"{section.place}: a block cannot have {of_block} elements of {tags} tags; {AGAIN}")
         rows = section.take(of_block, *[_INT] * (1 + tags + of_type.nodes))
-        found.append(_Elements(of_type, to_indices(rows[:, 1 + tags :], section.place)))
-    return found
+        blocks.append(_Elements(of_type, to_indices(rows[:, 1 + tags :], section.place)))
+    return blocks
 
 
 def _text_elements(section: _Numbers, header: _Header) -> list[_Elements]:
     """Read rows `number type tag-count tags nodes`, in version 1 `number type physical elementary node-count nodes`."""
     column = 4 if header.version < 2 else 2
-    found, chunk = [], 1
+    blocks, chunk = [], 1
     while not section.is_at_end:
         rest = section.ahead()
         require_numbers(len(rest), column + 1, section.place)
@@ -235,19 +235,19 @@ def _text_elements(section: _Numbers, header: _Header) -> list[_Elements]:
         width = lead + of_type.nodes
         require_numbers(len(rest), width if lead >= column + 1 else -1, section.place)
         rows = rest[: min(len(rest) // width, chunk) * width].reshape(-1, width)
-        # Where the type changes, that row still begins where it should: it tells itself apart.
+        # A row of a different type still starts at its place, so that its type can be compared.
         is_other = (rows[:, 1] != head[1]) | (rows[:, column] != head[column])
         count = int(np.argmax(is_other)) if is_other.any() else len(rows)
         chunk = 2 * count + 64
-        found.append(_Elements(of_type, to_indices(section.take(count, *[_INT] * width)[:, lead:], section.place)))
-    return found
+        blocks.append(_Elements(of_type, to_indices(section.take(count, *[_INT] * width)[:, lead:], section.place)))
+    return blocks
 
 
 def _type(number: int, place: str) -> ElementType:
     if number not in _TYPES:
         name = {34: " (a polygon)", 35: " (a polyhedron)"}.get(number, "")
         raise StageError(
-            f"{place}: has elements of Gmsh's type {number}{name}, which cannot be read; export tetrahedra, "
+            f"{place}: elements of Gmsh's type {number}{name} are not supported; export tetrahedra, "
             "hexahedra, wedges and pyramids only"
         )
     return _TYPES[number]

@@ -1,4 +1,4 @@
-"""MEDIT's mesh files as text; libMeshb's documentation describes the format."""
+"""MEDIT mesh files in text form; the format is described in the documentation of libMeshb."""
 
 from __future__ import annotations
 
@@ -37,17 +37,17 @@ _TYPES = {
 
 
 def read_medit(path: Path) -> Blocks:
-    """Read the MEDIT file `path`: its vertices and elements; all else in it is passed over."""
+    """Read the vertices and elements of the MEDIT file `path`; all other sections are ignored."""
     text = re.sub(rb"#[^\n]*", b"", path.read_bytes())
     if not text.lstrip().startswith(b"MeshVersionFormatted"):
-        raise StageError(f"{path.name}: is no MEDIT file of text (no `MeshVersionFormatted`); {AGAIN}")
+        raise StageError(f"{path.name}: is not a MEDIT text file (no `MeshVersionFormatted`); {AGAIN}")
     # Words begin with a letter, but numbers may be `nan` or `inf`.
     parts = re.split(rb"(?<!\S)(?!nan\b|inf\b)([A-Za-z]\w*)", text, flags=re.IGNORECASE)
     sections = [(word.decode(), body) for word, body in zip(parts[1::2], parts[2::2], strict=True)]
     dimension = next((body.split()[:1] for word, body in sections if word == "Dimension"), [])
     if dimension != [b"3"]:
-        said = b" ".join(dimension).decode("ascii", "replace") or "not given"
-        raise StageError(f"{path.name}: its dimension is {said}, must be 3; export it as a mesh in space")
+        got = b" ".join(dimension).decode("ascii", "replace") or "none"
+        raise StageError(f"{path.name}: Dimension must be 3, got {got}; export it as a mesh in space")
     points, blocks = np.empty((0, 3)), []
     for word, body in sections:
         place = f"{path.name}: {word}"
@@ -60,7 +60,7 @@ def read_medit(path: Path) -> Blocks:
 
 
 def _rows(body: bytes, width: int, place: str) -> Floats:
-    """Return the rows of a section, (m, width), without the reference at the end of each."""
+    """Return the rows of a section, (m, width), without the reference number at the end of each."""
     numbers = numbers_in(body, place)
     require_numbers(len(numbers), 1, place)
     (count,) = to_indices(numbers[:1], place)

@@ -1,7 +1,7 @@
-"""Read one volume file into cells of the four kinds, or say in one line why not.
+"""Read a volume file into cells of the four kinds; if it cannot be read, the error is one line.
 
-Text formats and Gmsh's are read here, VTK's by VTK: meshio ends the interpreter on some damaged files, prints what is
-wrong with others, and takes some for another mesh. Nothing is merged, dropped or turned.
+Text formats and Gmsh files are read here, VTK files by VTK: on damaged files meshio may end the interpreter, print
+messages, or return a wrong mesh. Nothing is merged, dropped or reoriented.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _EXPORT = "export the mesh as tetrahedra, hexahedra, wedges and pyramids"
 
 
 class VolumeFile(NamedTuple):
-    """What a file holds: `vertices` (n, 3) in its unit, `cells` kind -> (m, corners), and what was passed over."""
+    """The content of a file: `vertices` (n, 3) in its unit, `cells` kind -> (m, corners), and notes for the user."""
 
     vertices: Floats
     cells: dict[str, Ints]
@@ -34,7 +34,7 @@ class VolumeFile(NamedTuple):
 
 
 def read_volume(path: Path) -> VolumeFile:
-    """Read the volume file `path`; a `StageError` names what is wrong with it."""
+    """Read the volume file `path`; raises `StageError` if it is damaged or has other cells than the four kinds."""
     points, blocks = reader_of(path, _READERS, "volume mesh")(path)
     _require_known(blocks, path.name)
     cells = _cells(blocks, len(points), path.name)
@@ -44,17 +44,17 @@ def read_volume(path: Path) -> VolumeFile:
 
 
 def _require_known(blocks: list[Block], name: str) -> None:
-    """Refuse cells that fill space and are none of the four kinds, and files without cells."""
+    """Refuse volume cells other than the four kinds, and files without cells."""
     foreign = [block for block in blocks if block.type.dimension == 3 and not block.type.kind and block.number]
     if foreign:
-        raise StageError(f"{name}: has cells of a kind that cannot be filled: {_count_elements(foreign)}; {_EXPORT}")
+        raise StageError(f"{name}: has cells that are not supported: {_count_elements(foreign)}; {_EXPORT}")
     if not any(block.number for block in blocks if block.type.kind):
         rest = _count_elements([block for block in blocks if block.number])
-        raise StageError(f"{name}: holds no cells that fill space ({rest or 'no elements at all'}); {_EXPORT}")
+        raise StageError(f"{name}: has no volume cells ({rest or 'no elements at all'}); {_EXPORT}")
 
 
 def _count_elements(blocks: list[Block]) -> str:
-    """Return how many elements there are of each type, in words."""
+    """Return the number of elements of each type, as text."""
     counts: dict[str, int] = {}
     for block in blocks:
         counts[block.type.name] = counts.get(block.type.name, 0) + block.number
@@ -62,7 +62,7 @@ def _count_elements(blocks: list[Block]) -> str:
 
 
 def _cells(blocks: list[Block], count: int, name: str) -> dict[str, Ints]:
-    """Return the corners of the cells of each kind that there is; nodes beyond the corners go."""
+    """Return the corners of the cells, by kind; nodes other than corners are dropped."""
     cells = {}
     for kind, corners in CORNERS.items():
         short = [
@@ -76,8 +76,7 @@ def _cells(blocks: list[Block], count: int, name: str) -> dict[str, Ints]:
             least, greatest = int(cells[kind].min()), int(cells[kind].max())
             if least < 0 or greatest >= count:
                 raise StageError(
-                    f"{name}: cells name points {least}..{greatest} (from 0), but those of the file are "
-                    f"0..{count - 1}; {AGAIN}"
+                    f"{name}: the points of cells must be 0..{count - 1} (from 0), got {least}..{greatest}; {AGAIN}"
                 )
     return cells
 
@@ -85,14 +84,14 @@ def _cells(blocks: list[Block], count: int, name: str) -> dict[str, Ints]:
 def _list_ignored(blocks: list[Block]) -> list[str]:
     curved = [block for block in blocks if block.type.kind and block.nodes.shape[1] > CORNERS[block.type.kind]]
     beside = [block for block in blocks if not block.type.kind and block.number]
-    told = []
+    notes = []
     if curved:
-        told.append(f"reduced {sum(block.number for block in curved)} cells of higher order to their corners")
+        notes.append(f"reduced {sum(block.number for block in curved)} cells of higher order to their corners")
     if beside:
-        told.append(
+        notes.append(
             f"ignored {sum(block.number for block in beside)} elements that fill no space ({_count_elements(beside)})"
         )
-    return told
+    return notes
 
 
 _READERS: dict[str, Callable[[Path], Blocks]] = {

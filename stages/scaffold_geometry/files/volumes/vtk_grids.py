@@ -1,4 +1,4 @@
-"""VTK's unstructured grids, XML (.vtu) and legacy (.vtk), read by VTK in a child process that may die."""
+"""VTK's unstructured grids, XML (.vtu) and legacy (.vtk), read by VTK in a child process, as VTK may crash."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
 
 READING_SECONDS = 120.0
-"""VTK reads a million cells in a few seconds: what takes longer never ends."""
+"""Time limit: VTK reads a million cells in a few seconds, but may never return on a damaged file."""
 
 _SHAPES = {
     "point": (1, 2),
@@ -26,7 +26,7 @@ _SHAPES = {
     "wedge": (13, 26, 31, 32, 65, 73, 80),
     "hexahedron": (12, 25, 29, 33, 67, 72, 79),
 }
-"""The shapes of VTK's numbers of cell types: linear, quadratic, cubic, Lagrange's and Bezier's of any order."""
+"""VTK's cell types of each shape: linear, quadratic, cubic, and Lagrange and Bezier cells of any order."""
 
 _TYPES = {
     **{number: element_type(shape, 0) for shape, numbers in _SHAPES.items() for number in numbers},
@@ -39,7 +39,7 @@ _TYPES = {
 
 _EMPTY, _VOXEL = 0, 11
 _HEXAHEDRON_OF_VOXEL = [0, 1, 3, 2, 4, 5, 7, 6]
-"""A voxel's corners go row by row, a hexahedron's around its faces."""
+"""The corners of a voxel are numbered row by row, those of a hexahedron around its faces."""
 
 
 def read_vtk_grid(path: Path) -> Blocks:
@@ -53,7 +53,7 @@ def read_vtk_grid(path: Path) -> Blocks:
         or (sizes < 0).any()
         or (len(offsets) and not offsets[0] == 0 <= offsets[-1] <= len(nodes))
     ):
-        raise StageError(f"{path.name}: its cells are not as many as its types, or not as long as it says; {AGAIN}")
+        raise StageError(f"{path.name}: the numbers of cells, types and nodes do not match; {AGAIN}")
     blocks = [
         _block(int(number), int(size), nodes, offsets[:-1][(types == number) & (sizes == size)])
         for number, size in np.unique(np.column_stack([types, sizes]), axis=0)
@@ -63,7 +63,7 @@ def read_vtk_grid(path: Path) -> Blocks:
 
 
 def _block(number: int, size: int, nodes: NDArray[np.int64], starts: NDArray[np.int64]) -> Block:
-    """Return the cells of type `number` that have `size` nodes and begin in `nodes` at `starts`."""
+    """Return the cells of type `number` with `size` nodes that begin in `nodes` at `starts`."""
     rows = nodes[starts[:, None] + np.arange(size)]
     if number == _VOXEL and size == len(_HEXAHEDRON_OF_VOXEL):
         return Block(element_type("hexahedron", size), len(rows), rows[:, _HEXAHEDRON_OF_VOXEL])
@@ -72,7 +72,7 @@ def _block(number: int, size: int, nodes: NDArray[np.int64], starts: NDArray[np.
 
 
 def vtk_grid(*, path: str) -> dict[str, NDArray[Any]]:
-    """Return `points` (n, 3), `types` (m,), `offsets` (m + 1,) and `nodes` of a file: the child's side."""
+    """Return `points` (n, 3), `types` (m,), `offsets` (m + 1,) and `nodes` of a file; runs in a child process."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkIOLegacy import vtkDataSetReader
@@ -84,12 +84,12 @@ def vtk_grid(*, path: str) -> dict[str, NDArray[Any]]:
     reader.SetFileName(path)
     reader.Update()
     complaint = str(window.GetOutput())
-    if "error" in complaint.lower():  # VTK complains and hands over what it has got: a part of the cells
-        raise StageError(f"VTK says: {_first_of(complaint)}")
+    if "error" in complaint.lower():  # VTK then returns the part of the cells that it could read
+        raise StageError(f"VTK reports: {_first_message(complaint)}")
     grid = reader.GetOutput()
     if grid is None or not grid.IsA("vtkUnstructuredGrid"):
         kind = grid.GetClassName() if grid is not None else "nothing"
-        raise StageError(f"it holds a {kind}, no unstructured grid")
+        raise StageError(f"must contain an unstructured grid, got {kind}")
     if not grid.GetNumberOfCells() or not grid.GetNumberOfPoints():
         return {"points": np.empty((0, 3)), **{name: np.empty(0, np.int64) for name in ("types", "offsets", "nodes")}}
     return {
@@ -100,7 +100,7 @@ def vtk_grid(*, path: str) -> dict[str, NDArray[Any]]:
     }
 
 
-def _first_of(complaint: str) -> str:
-    """Return VTK's first message without its source line, its object's address and the file's name."""
+def _first_message(complaint: str) -> str:
+    """Return VTK's first message without source line, object address and file name."""
     first = re.split(r"\n\n", complaint.strip())[0].splitlines()[-1]
     return re.sub(r"^\w+ \(0x\w+\): | for file: .*$", "", first)[:120]

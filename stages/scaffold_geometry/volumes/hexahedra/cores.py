@@ -1,7 +1,7 @@
-"""Sets of cubes, masks (nx, ny, nz), with a boundary that can be coated.
+"""Cores: sets of cubes, as masks (nx, ny, nz), whose boundary can be coated with a layer of cells.
 
-At each corner of the grid the faces between the cubes of the set and the others must not look both ways along any axis.
-Then they are one fan, there is a way out that leaves all of them behind, and the boundary is a manifold.
+At each corner of the grid the boundary faces of the set must not face both ways along any axis. Then they form one fan,
+one direction points away from all of them, and the boundary is a manifold.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from scaffold_geometry.arrays import Bools, Floats, Ints
 
 _OCTANTS = list(np.ndindex(2, 2, 2))
 _SAME = 1e-9
-"""Difference of depths, in cubes, that is rounding: cubes that mirror each other go together."""
+"""Difference of depths, in cubes, that counts as rounding: mirrored cubes are then treated alike."""
 
 
-def outwards(cubes: Bools) -> tuple[Ints, Bools]:
-    """Return the way out at each corner, (nx+1, ny+1, nz+1, 3), -1, 0 or 1, and which corners have none."""
+def outward_directions(cubes: Bools) -> tuple[Ints, Bools]:
+    """Return the outward direction at each corner, (nx+1, ny+1, nz+1, 3), -1, 0 or 1, and a mask of corners without."""
     corners = tuple(np.array(cubes.shape) + 1)
     padded = np.pad(cubes, 1)
     around = {o: padded[tuple(slice(i, i + n) for i, n in zip(o, corners, strict=True))] for o in _OCTANTS}
@@ -35,23 +35,23 @@ def _across(octant: tuple[int, ...], axis: int) -> tuple[int, ...]:
 
 
 def make_core_manifold(cubes: Bools, depths: Floats, shallowest: float) -> Bools:
-    """Return the cubes with some added or removed so that every corner has a way out.
+    """Return the cubes with some added or removed so that every corner has an outward direction.
 
-    At each corner without one its deepest free cube is added, by `depths`; where none is as deep as `shallowest`, its
-    shallowest one goes.
+    At each corner without one the deepest free cube is added, by `depths`; if none is as deep as `shallowest`, the
+    shallowest cube of the set is removed.
     """
-    mended = cubes.copy()
+    core = cubes.copy()
     for adds in (True, False):
-        while (is_bad := outwards(mended)[1]).any():
-            changing = _at_corners(mended, depths, is_bad, shallowest if adds else None)
+        while (is_bad := outward_directions(core)[1]).any():
+            changing = _at_corners(core, depths, is_bad, shallowest if adds else None)
             if not changing.any():
                 break
-            mended ^= changing
-    return mended
+            core ^= changing
+    return core
 
 
 def _at_corners(cubes: Bools, depths: Floats, is_bad: Bools, shallowest: float | None) -> Bools:
-    """Return the deepest of the free cubes at each bad corner, or, without `shallowest`, the shallowest of the set."""
+    """Return the deepest free cubes at each bad corner or, without `shallowest`, the shallowest cubes of the set."""
     around = np.argwhere(is_bad)[:, None] - 1 + np.array(_OCTANTS)
     padded = tuple((around + 1).transpose(2, 0, 1))
     is_taken, depth = np.pad(cubes, 1)[padded], np.pad(depths, 1, constant_values=-np.inf)[padded]

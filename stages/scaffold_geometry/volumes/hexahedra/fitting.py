@@ -1,8 +1,8 @@
-"""Hexahedra fitted to a closed surface: a core of cubes, a coat of one layer around it, its outside on the surface.
+"""Hexahedra fitted to a closed surface: a core of cubes, and a coat of one layer that ends on the surface.
 
-The coat makes every cell at the surface stand on it with one face; cubes pulled to the surface by themselves go flat
-where two or three of their faces lie in it. R. Schneiders, "A grid-based algorithm for the generation of hexahedral
-element meshes", Engineering with Computers 12 (1996) 168-177.
+With the coat every cell at the surface has exactly one face on it; cubes without a coat become flat where two or three
+of their faces lie on the surface. R. Schneiders, "A grid-based algorithm for the generation of hexahedral element
+meshes", Engineering with Computers 12 (1996) 168-177.
 """
 
 from __future__ import annotations
@@ -18,35 +18,35 @@ from scaffold_geometry.volumes.hexahedra import cores
 from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
 
 _DEPTH, _SHALLOWEST = -0.1, -0.5
-"""Least depth of a cube's centre below the surface, in cubes, to belong to the core, and to mend its boundary.
+"""Least depth of a cube's centre below the surface, in cubes, for the core, and for cubes that repair its boundary.
 
-Of 0.5, 0.2, 0 and -0.1, a hip bone's mesh filled 0.90, 0.96, 0.98 and 0.996 of it: deeper cores miss what is thin.
+With 0.5, 0.2, 0 and -0.1 the mesh of a hip bone filled 0.90, 0.96, 0.98 and 0.996 of it: deeper cores miss thin parts.
 """
 
 _COAT = 0.1
-"""Thickness of the coat to begin with, cubes: no cell has a scaled Jacobian below 0.5 then."""
+"""Initial thickness of the coat, in cubes: no cell has a scaled Jacobian below 0.5 then."""
 
 _SWEEPS, _LAST = 20, 3
-"""Sweeps over all vertices, of which the last ones free none; more change the third digit."""
+"""Sweeps over all vertices, and the last ones, which release no vertices; more sweeps change only the third digit."""
 
 _RELEASE = 4
-"""Every so many sweeps the vertices of poor cells leave the surface for one, or they block each other for good.
+"""Every fourth sweep, vertices of poor cells may leave the surface for one sweep: otherwise they block each other.
 
-A heel bone kept 6 of 1,330 vertices off its surface without, none with it.
+In a heel bone 6 of 1,330 vertices stayed off the surface without it, none with it.
 """
 
 _POOR = 0.2
 """Scaled Jacobian of a poor cell."""
 
 _PUSH = 0.2
-"""How far outwards, in cubes, a place is taken before the surface's nearest point is sought.
+"""Outward shift of a vertex, in cubes, before the nearest point of the surface is searched.
 
-Edges and corners are reached, and from amid a thin part its own side: 0 left 10 % of a box unfilled, 0.1 left 7 % and
-0.2 left 2 %; with 0.6 a hip bone had 21 vertices off its surface instead of 5.
+With it edges and corners are reached, and in a thin part the vertex's own side: 0 left 10 % of a box unfilled, 0.1 left
+7 % and 0.2 left 2 %; with 0.6 a hip bone had 21 vertices off its surface instead of 5.
 """
 
 _FLOORS = (0.05, 0.3)
-"""Scaled Jacobian that no cell falls below in the first and in the second half of the sweeps."""
+"""Least scaled Jacobian of a cell in the first and in the second half of the sweeps."""
 
 _LAST_FLOOR = 0.1
 """The same in the last attempts to reach the surface."""
@@ -55,7 +55,7 @@ _LAST_FLOOR = 0.1
 class Coated(NamedTuple):
     """A core and its coat: `places` (n, 3) in cubes of the grid, `cells` (m, 8).
 
-    `lattice` (n, 3) is the place in the grid of each vertex, or of that which it coats; the first `inner` are within.
+    `lattice` (n, 3) is the grid position of each vertex or of the vertex that it coats; the first `inner` are interior.
     """
 
     places: Floats
@@ -65,13 +65,13 @@ class Coated(NamedTuple):
 
 
 def fit_hexahedra(vertices: Floats, faces: Ints, size: float) -> tuple[Floats, Ints, int] | None:
-    """Return vertices (n, 3) and hexahedra (m, 8) of edges of some `size` mm, and how many vertices are within.
+    """Return vertices (n, 3), hexahedra (m, 8) with edges of about `size` mm, and the number of interior vertices.
 
-    The others are the boundary's. No cell is inverted; a boundary vertex that would invert one stays off the surface.
-    None where no cube is deep enough to begin with.
+    Interior vertices come first. No cell is inverted; a boundary vertex that would invert one stays off the surface.
+    Returns None if no cube is deep enough for the core.
     """
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
-    # An even number of cubes about the middle: mirrored vertices are then moved in the same order.
+    # An even number of cubes around the middle: mirrored vertices are then moved in the same order.
     origin, doubled = grid_over(bounds, 2.0 * size, 1)
     shape = (2 * doubled[0] - 2, 2 * doubled[1] - 2, 2 * doubled[2] - 2)
     depths = _depths(vertices, faces, origin, size, shape)
@@ -84,7 +84,7 @@ def fit_hexahedra(vertices: Floats, faces: Ints, size: float) -> tuple[Floats, I
 
 
 def _depths(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: tuple[int, int, int]) -> Floats:
-    """Return how deep each cube's centre lies below the surface, in cubes; -inf far outside."""
+    """Return the depth of each cube's centre below the surface, in cubes; -inf far outside."""
     import igl
 
     inside = samples_inside(vertices, faces, origin + size / 2.0, size, shape)
@@ -97,12 +97,12 @@ def _depths(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: t
 
 
 def _coat_core(core: Bools) -> Coated:
-    """Return the core's cubes with a cell on each face of its boundary, a little way out."""
+    """Return the core's cubes and a coat: a thin cell on each boundary face."""
     lattice, cubes = lattices.on_lattice(np.argwhere(core), lattices.HEXAHEDRON)
     quadrangles = faces_of({"hexahedron": cubes}).quadrangles
     under, ring = np.unique(quadrangles, return_inverse=True)
     ring = len(lattice) + ring.reshape(quadrangles.shape)
-    ways = cores.outwards(core)[0][tuple(lattice[under].T)].astype(np.float64)
+    ways = cores.outward_directions(core)[0][tuple(lattice[under].T)].astype(np.float64)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     return Coated(
         places=np.concatenate([lattice, lattice[under] + _COAT * ways]),
@@ -113,12 +113,12 @@ def _coat_core(core: Bools) -> Coated:
 
 
 def _relax(start: Floats, coated: Coated, surface: tuple[Floats, Ints], size: float) -> Floats:
-    """Return the vertices moved so that cells come near to cubes and the boundary onto the surface."""
+    """Return the vertices after smoothing: cells approach cubes, and the boundary lies on the surface."""
     from scaffold_geometry.volumes.hexahedra.quality import least_jacobians, sweep
 
     cells, count = coated.cells, len(start)
     outer = np.arange(coated.inner, count)
-    # Vertices of one parity share no cell, so that their order among each other decides nothing.
+    # Vertices of one parity share no cell, so their order has no effect.
     parity = (coated.lattice % 2) @ [4, 2, 1]
     order = np.lexsort([parity, np.arange(count) >= coated.inner])
     owners = np.argsort(cells.ravel(), kind="stable") // cells.shape[1]
@@ -154,15 +154,15 @@ def nearest(points: Floats, surface: tuple[Floats, Ints]) -> Floats:
     """Return the point of a surface that is nearest to each of `points` (k, 3)."""
     import igl
 
-    found = igl.point_mesh_squared_distance(np.ascontiguousarray(points), *surface)[2]
-    return np.asarray(found, np.float64)
+    closest = igl.point_mesh_squared_distance(np.ascontiguousarray(points), *surface)[2]
+    return np.asarray(closest, np.float64)
 
 
 def _target_positions(vertices: Floats, cells: Ints, quality: Floats, size: float) -> Floats:
-    """Return where each vertex is wanted, (n, 3): the mean of its places in the cubes nearest to its cells.
+    """Return the target position of each vertex, (n, 3): the mean of its positions in the cubes fitted to its cells.
 
-    Each cell's cube has its centre, the rotation that fits best (W. Kabsch, Acta Crystallographica A32 (1976) 922) and
-    an edge half-way, as ratios go, from what fits best to `size`; poor cells weigh more.
+    Each cell's cube has the cell's centre, the best rotation (W. Kabsch, Acta Crystallographica A32 (1976) 922), and as
+    its edge the geometric mean of the best edge and `size`; poor cells have a greater weight.
     """
     cube = lattices.HEXAHEDRON - 0.5
     corners = vertices[cells]

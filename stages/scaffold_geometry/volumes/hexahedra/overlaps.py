@@ -1,4 +1,4 @@
-"""Which cubes of a grid a closed surface bounds a part of."""
+"""Cubes of a grid that overlap the solid inside a closed surface."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from scaffold_geometry.voxels.grids import samples_inside
 Shape: TypeAlias = tuple[int, int, int]
 
 _TOUCHING = 1e-6
-"""Share of a cube by which a triangle must enter it: one that lies in its side, to rounding, does not."""
+"""Share of a cube by which a triangle must enter it: a triangle in a side of the cube, up to rounding, does not."""
 
 _MOST_PAIRS = 500_000
-"""Pairs of triangle and cube that are looked at together: some 200 MB."""
+"""Pairs of triangle and cube that are tested together: about 200 MB."""
 
 
-def cubes_met(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: Shape) -> Bools:
-    """Return which cubes of a grid, its corner at `origin` (3,), meet the solid within a closed surface, of `shape`.
+def find_overlapping_cubes(vertices: Floats, faces: Ints, origin: Floats, size: float, shape: Shape) -> Bools:
+    """Return a mask, of `shape`, of the cubes that overlap the solid in a closed surface; the grid starts at `origin`.
 
-    Those that the surface enters, and those whose centre is inside.
+    They are the cubes that the surface enters, and those whose centre is inside.
     """
     places = (vertices - origin) / size
-    met = samples_inside(vertices, faces, origin + size / 2.0, size, shape)
+    is_overlapping = samples_inside(vertices, faces, origin + size / 2.0, size, shape)
     corners = places[faces]
     low = np.clip(np.floor(corners.min(axis=1)).astype(np.int64), 0, np.array(shape) - 1)
     high = np.clip(np.floor(corners.max(axis=1)).astype(np.int64), 0, np.array(shape) - 1)
@@ -32,12 +32,12 @@ def cubes_met(vertices: Floats, faces: Ints, origin: Floats, size: float, shape:
     for some in np.split(np.arange(len(faces)), _chunks(counts)):
         owner, cube = _pairs(low[some], high[some], counts[some])
         is_entered = _enters(corners[some[owner]] - cube[:, None] - 0.5)
-        met[tuple(cube[is_entered].T)] = True
-    return met
+        is_overlapping[tuple(cube[is_entered].T)] = True
+    return is_overlapping
 
 
 def _chunks(counts: Ints) -> Ints:
-    """Return where to cut a list of triangles so that each part has some `_MOST_PAIRS`."""
+    """Return where to split a list of triangles so that each part has about `_MOST_PAIRS`."""
     return np.flatnonzero(np.diff(np.cumsum(counts) // _MOST_PAIRS)) + 1
 
 
@@ -50,9 +50,9 @@ def _pairs(low: Ints, high: Ints, counts: Ints) -> tuple[Ints, Ints]:
 
 
 def _enters(corners: Floats) -> Bools:
-    """Return which triangles (p, 3, 3) enter the cube of edge 1 about the origin, (p,).
+    """Return a mask of the triangles (p, 3, 3) that enter the unit cube around the origin, (p,).
 
-    No axis parts the two: T. Akenine-Moller, "Fast 3D triangle-box overlap testing", J. Graphics Tools 6 (2001).
+    Separating axes: T. Akenine-Moller, "Fast 3D triangle-box overlap testing", J. Graphics Tools 6 (2001).
     """
     sides = np.roll(corners, -1, axis=1) - corners
     units = np.eye(3)

@@ -1,4 +1,4 @@
-"""How square hexahedra are, and moves of their vertices that keep them so.
+"""Quality of hexahedra, and movement of their vertices that keeps it.
 
 `vertices` (n, 3), `cells` (m, 8) in VTK's order. The scaled Jacobian at a corner is the product det(a, b, c) of the
 unit vectors along its three edges: 1 for a cube, positive at all eight corners of a cell that is not inverted.
@@ -18,12 +18,12 @@ _NEIGHBOURS = np.array([(1, 3, 4), (2, 0, 5), (3, 1, 6), (0, 2, 7), (7, 5, 0), (
 """The corners at the other ends of each corner's edges, so that det(a, b, c) is positive in a cube."""
 
 _HALVINGS = 4
-"""Halvings of a step before it is given up: a sixteenth of it; the next sweep tries again."""
+"""Halvings of a step, to a sixteenth, before it is given up; the next sweep tries again."""
 
 
 @kernel
 def least_jacobian(vertices: Floats, cell: Ints) -> float:
-    """Return the least scaled Jacobian of one cell (8,); -1 where two corners are at one place."""
+    """Return the least scaled Jacobian of one cell (8,); -1 if two corners coincide."""
     least = 1.0
     for corner in range(8):
         at, one, two, three = (
@@ -63,10 +63,10 @@ def _least_around(vertices: Floats, cells: Ints, owners: Ints) -> float:
 def sweep(
     vertices: Floats, targets: Floats, order: Ints, cells: Ints, starts: Ints, owners: Ints, floor: float
 ) -> None:
-    """Move each vertex of `order` in turn towards its target (n, 3), in place, as far as its own cells allow.
+    """Move each vertex of `order` in turn towards its target (n, 3), in place, as far as its cells allow.
 
-    The cells of vertex v are `owners[starts[v]:starts[v + 1]]`. None of them may fall below the `floor`, or below what
-    the least of them has where that is less: a step that would is halved until it does not, and at last given up.
+    The cells of vertex v are `owners[starts[v]:starts[v + 1]]`. A step is halved until none of them has a scaled
+    Jacobian below `floor`, or below their present least one if that is smaller; after four halvings it is given up.
     """
     for vertex in order:
         own = owners[starts[vertex] : starts[vertex + 1]]
