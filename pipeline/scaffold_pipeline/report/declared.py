@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 from scaffold_pipeline.artifacts import Declared, Fact, Metric, Metrics
@@ -65,8 +66,8 @@ def stages_that_draw(suffix: str) -> list[str]:
 
 
 def used_by(declared: Declared, keys: Collection[str], files: Collection[str]) -> Declared:
-    """Return the declarations that some of the metrics and files need: what a record holds."""
-    metrics = [metric for metric in declared.metrics if any(metric.at(key) for key in keys)]
+    """Return the declarations that some metrics and files need: what a record holds, without how they are computed."""
+    metrics = [replace(metric, method="") for metric in declared.metrics if any(metric.at(key) for key in keys)]
     drawings = [drawing for drawing in declared.drawings if any(drawing.at(file) for file in files)]
     return Declared(tuple(metrics), declared.gates, tuple(drawings), declared.viewers)
 

@@ -11,6 +11,7 @@ from scaffold_pipeline.errors import ConfigError, Fault
 from scaffold_pipeline.stages.catalogue import require_stage
 
 _STAGE = "inspect_surface"
+"""The command `inspect` is this stage, so that it is the one stage which the engine names."""
 
 
 def inspect_file(path: Path, units: str | None) -> dict[str, Fact]:
