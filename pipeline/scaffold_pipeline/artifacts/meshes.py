@@ -227,13 +227,15 @@ class IsoSurface(SurfaceMesh):
     """The surface between solid and void, not yet clipped to the outer shape.
 
     `iso` is the value used; `porosity_requested` the porosity it was solved for, or None; `skin` the shell
-    in mm that was counted as solid in solving; `facts` what was done to the surface since.
+    in mm that was counted as solid in solving; `facts` what was done to the surface since; `spacing` the size in mm of
+    the field's voxels, or None where the surface comes from no voxels.
     """
 
     iso: float = 0.0
     porosity_requested: float | None = None
     skin: float = 0.0
     facts: Mapping[str, Fact] = field(default_factory=dict)
+    spacing: float | None = None
 
     def summary(self) -> dict[str, Fact]:
         """Return the surface's facts, the iso-value and what was removed."""
