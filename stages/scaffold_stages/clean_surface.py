@@ -31,11 +31,12 @@ class CleanSurfaceParams(Params):
     min_piece: Share = Field(default=0.001, ge=0.0, lt=1.0)
     """Floating pieces below this share of the solid's volume are removed, and closed pores as small are filled."""
 
+    # three steps leave a thousandth of the slivers and thin no strut, ten break some: docs/decisions/cleaning.md
     smoothing: int = Field(default=3, ge=0, le=200)
-    """Steps of Taubin smoothing, which evens out terraces and slivers; the volume is kept. 0 leaves it out."""
+    """Steps of Taubin smoothing, which evens out terraces and slivers at the same volume; 0 leaves it out."""
 
     most_moved: Annotated[float, Unit("voxels of the field")] = Field(default=0.5, gt=0.0)
-    """Smoothing moves no vertex further than this, most of the way along the surface."""
+    """Smoothing moves no vertex further than this; most of the way is along the surface, not off it."""
 
     simplify: Millimetres = Field(default=0.0, ge=0.0)
     """Triangles are merged where the surface moves by no more than this; 0 keeps them all."""
@@ -47,10 +48,11 @@ class CleanSurfaceParams(Params):
     libraries=("libigl", "llvmlite", "manifold3d", "numba", "pymeshlab", "scipy", "vtk"),
 )
 def clean_surface(porous: IsoSurface, *, params: CleanSurfaceParams) -> IsoSurface:
-    """Clean the surface in MeshLab: merge, split and remove what is no manifold; smooth at constant volume; simplify.
+    """Clean the surface in MeshLab, without floating pieces; smooth at constant volume; simplify to an error in mm.
 
-    Floating pieces and flat triangles go too. Smoothing comes before simplification: it counts on triangles as even as
-    those of the grid. Raises `StageError` where MeshLab's libraries are missing or the surface is not closed.
+    Duplicate vertices and triangles are merged, non-manifold edges and vertices split, flat triangles collapsed.
+    Smoothing comes before simplification: it counts on triangles as even as those of the grid. Raises `StageError`
+    where MeshLab's libraries are missing or the surface is not closed.
     """
     answer = call_in_child(
         clean_in_child,
@@ -108,7 +110,10 @@ def _smooth(
 
 
 def _without_crumbs(vertices: Floats, faces: Ints, min_piece: float) -> tuple[Ints, dict[str, int | float]]:
-    """Return the faces of the shells that are large enough, and what was left out."""
+    """Return the faces of the shells that are large enough, and what was left out.
+
+    By labels: MeshLab removes pieces by triangles or diameter, not volume, and takes 5 times as long to measure five.
+    """
     pieces = face_pieces(faces)
     volumes = piece_volumes(vertices, faces, pieces)
     least = min_piece * float(volumes[volumes > 0.0].sum())
@@ -128,7 +133,11 @@ def _without_crumbs(vertices: Floats, faces: Ints, min_piece: float) -> tuple[In
 
 
 def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface with an edge of each flat triangle collapsed: taking the triangle out would open a hole."""
+    """Return the surface with an edge of each flat triangle collapsed: taking the triangle out would open a hole.
+
+    By Manifold: `meshing_remove_null_faces` of MeshLab takes it out; `meshing_remove_t_vertices`, which collapses it,
+    left edges of more than two triangles where 5 % were flat.
+    """
     from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 
     body = to_manifold(vertices, faces, "surface to clean")
@@ -138,7 +147,11 @@ def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def _simplify(vertices: Floats, faces: Ints, error: float) -> tuple[Floats, Ints, float]:
-    """Return the surface with fewer triangles, and how far the two surfaces lie apart: no more than `error` mm."""
+    """Return the surface with fewer triangles, and how far the two surfaces lie apart: no more than `error` mm.
+
+    By Manifold, which takes a distance: MeshLab's quadric, topology kept, takes a number of triangles and three times
+    as long, and ends half as far away again.
+    """
     from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 
     body, allowed = to_manifold(vertices, faces, "surface to simplify"), _FIRST_SHARE * error
