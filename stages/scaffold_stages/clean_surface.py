@@ -1,6 +1,9 @@
-"""Stage `clean_surface`: an iso-surface without crumbs and flat triangles, smoothed and simplified where asked for."""
+"""Stage `clean_surface`: an iso-surface without crumbs, flat triangles and slivers, cleaned in MeshLab."""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -8,19 +11,12 @@ from pydantic import Field
 from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces.triangles import drop_unreferenced, face_pieces, flat_faces, piece_volumes
 from scaffold_pipeline.artifacts import Fact, IsoSurface
-from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import Arrays, call_in_child
-from scaffold_pipeline.stages.contract import Millimetres, Params, Share, stage
+from scaffold_pipeline.stages.contract import Millimetres, Params, Share, Unit, stage
 
 TIME_LIMIT = 1800.0
-"""Seconds; five million triangles take under a minute."""
-
-_TAUBIN = {"lambda_": 0.5, "mu": -0.53}
-"""Taubin, "A signal processing approach to fair surface design" (1995): shrink, then swell a little more."""
-
-_VOLUME_STEPS = 4
-_SMOOTHING_FILTER = "apply_coord_taubin_smoothing"
-_REMEDY = "install the system's OpenGL libraries (Debian, Ubuntu: apt-get install libgl1 libopengl0)"
+"""Seconds; five million triangles take under two minutes."""
 
 _FIRST_SHARE = 0.6
 """Share of the distance allowed that the first simplification gets: merges add up to as much as 1.5 times theirs, and
@@ -35,36 +31,87 @@ class CleanSurfaceParams(Params):
     min_piece: Share = Field(default=0.001, ge=0.0, lt=1.0)
     """Floating pieces below this share of the solid's volume are removed, and closed pores as small are filled."""
 
-    smoothing: int = Field(default=0, ge=0, le=200)
-    """Steps of Taubin smoothing; the volume is kept."""
+    # three steps leave a thousandth of the slivers and thin no strut, ten break some: docs/decisions/cleaning.md
+    smoothing: int = Field(default=3, ge=0, le=200)
+    """Steps of Taubin smoothing, which evens out terraces and slivers at the same volume; 0 leaves it out."""
+
+    most_moved: Annotated[float, Unit("voxels of the field")] = Field(default=0.5, gt=0.0)
+    """Smoothing moves no vertex further than this; most of the way is along the surface, not off it."""
 
     simplify: Millimetres = Field(default=0.0, ge=0.0)
     """Triangles are merged where the surface moves by no more than this; 0 keeps them all."""
 
 
-@stage(writes="porous", version=2)
+@stage(writes="porous", version=3)
 def clean_surface(porous: IsoSurface, *, params: CleanSurfaceParams) -> IsoSurface:
-    """Remove floating pieces and flat triangles; smooth at constant volume; simplify to an error in mm.
+    """Clean the surface in MeshLab, without floating pieces; smooth at constant volume; simplify to an error in mm.
 
-    Smoothing comes first: it counts on triangles as even as those of the grid. Raises `StageError` where MeshLab's
-    libraries are missing or the surface is not closed.
+    Duplicate vertices and triangles are merged, non-manifold edges and vertices split, flat triangles collapsed.
+    Smoothing comes before simplification: it counts on triangles as even as those of the grid. Raises `StageError`
+    where MeshLab's libraries are missing or the surface is not closed.
     """
-    kept, facts = _without_crumbs(porous, params.min_piece)
-    vertices, faces = _without_flats(*drop_unreferenced(porous.vertices, kept))
-    facts["flat_triangles_removed"] = len(kept) - len(faces)
+    answer = call_in_child(
+        clean_in_child,
+        {"vertices": porous.vertices, "faces": porous.faces},
+        {"min_piece": params.min_piece, "smoothing": params.smoothing},
+        seconds=TIME_LIMIT,
+        about=f"cleaning a surface of {len(porous.faces)} triangles; larger voxels make fewer",
+    )
+    vertices, faces, smoothed = (answer.pop(name) for name in ("vertices", "faces", "smoothed"))
+    facts: dict[str, Fact] = {name: number.item() for name, number in answer.items()}
     if params.smoothing:
-        vertices = _smooth(vertices, faces, params.smoothing)
+        vertices, moved = _smooth(vertices, smoothed, faces, porous.spacing, params.most_moved)
+        facts |= moved
     if params.simplify > 0.0:
         count = len(faces)
         vertices, faces, facts["simplification_error"] = _simplify(vertices, faces, params.simplify)
         facts["triangles_merged"] = count - len(faces)
-    return IsoSurface(vertices, faces, porous.iso, porous.porosity_requested, porous.skin, {**porous.facts, **facts})
+    return replace(porous, vertices=vertices, faces=faces, facts={**porous.facts, **facts})
 
 
-def _without_crumbs(porous: IsoSurface, min_piece: float) -> tuple[Ints, dict[str, Fact]]:
-    """Return the faces of the shells that are large enough, and what was left out."""
-    pieces = face_pieces(porous.faces)
-    volumes = piece_volumes(porous.vertices, porous.faces, pieces)
+def clean_in_child(vertices: Floats, faces: Ints, min_piece: float, smoothing: int) -> Arrays:
+    """Return clean `vertices` and `faces`, the vertices `smoothed`, and what was done by number, each of shape ()."""
+    from scaffold_geometry.surfaces.meshlab import smooth_with_meshlab, weld_with_meshlab
+
+    welded = weld_with_meshlab(vertices, faces)
+    kept, facts = _without_crumbs(welded.vertices, welded.faces, min_piece)
+    vertices, faces = _without_flats(*drop_unreferenced(welded.vertices, kept))
+    facts |= {
+        "flat_triangles_removed": len(kept) - len(faces),
+        "duplicate_vertices_merged": welded.duplicate_vertices,
+        "duplicate_triangles_removed": welded.duplicate_faces,
+        "non_manifold_edges_split": welded.non_manifold_edges,
+        "non_manifold_vertices_split": welded.non_manifold_vertices,
+    }
+    smoothed = smooth_with_meshlab(vertices, faces, smoothing) if smoothing else vertices
+    numbers = {name: np.asarray(number) for name, number in facts.items()}
+    return {"vertices": vertices, "faces": faces, "smoothed": smoothed, **numbers}
+
+
+def _smooth(
+    vertices: Floats, smoothed: Floats, faces: Ints, spacing: float | None, most_moved: float
+) -> tuple[Floats, dict[str, Fact]]:
+    """Return the smoothed vertices as far as they may move, and how far they did; without a voxel size, as they are."""
+    from scaffold_geometry.surfaces.smoothing import hold_smoothing
+
+    held = hold_smoothing(vertices, smoothed, faces, np.inf if spacing is None else most_moved * spacing)
+    if held.put_back == len(vertices):
+        warn("smoothing: left out, as the surface would cross itself; lower smoothing or most_moved")
+    return held.vertices, {
+        "smoothing_distance_mm": held.moved,
+        "smoothing_distance_voxels": None if spacing is None else held.moved / spacing,
+        "smoothing_offset_rms_mm": held.offset,
+        "smoothing_vertices_put_back": held.put_back,
+    }
+
+
+def _without_crumbs(vertices: Floats, faces: Ints, min_piece: float) -> tuple[Ints, dict[str, int | float]]:
+    """Return the faces of the shells that are large enough, and what was left out.
+
+    By labels: MeshLab removes pieces by triangles or diameter, not volume, and takes 5 times as long to measure five.
+    """
+    pieces = face_pieces(faces)
+    volumes = piece_volumes(vertices, faces, pieces)
     least = min_piece * float(volumes[volumes > 0.0].sum())
     small, solid = np.abs(volumes) < least, volumes > 0.0
     if solid.any() and small[solid].all():
@@ -72,17 +119,21 @@ def _without_crumbs(porous: IsoSurface, min_piece: float) -> tuple[Ints, dict[st
             f"min_piece {min_piece:g}: every one of {int(solid.sum())} pieces is smaller, the greatest has "
             f"{volumes.max() / volumes[solid].sum():.3g} of the volume; lower it"
         )
-    facts: dict[str, Fact] = {
+    facts: dict[str, int | float] = {
         "floating_pieces_removed": int((small & solid).sum()),
         "floating_volume_removed_mm3": float(volumes[small & solid].sum()),
         "closed_pores_filled": int((small & ~solid).sum()),
         "closed_pore_volume_filled_mm3": float(-volumes[small & ~solid].sum()),
     }
-    return porous.faces[~small[pieces]], facts
+    return faces[~small[pieces]], facts
 
 
 def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface with an edge of each flat triangle collapsed: taking the triangle out would open a hole."""
+    """Return the surface with an edge of each flat triangle collapsed: taking the triangle out would open a hole.
+
+    By Manifold: `meshing_remove_null_faces` of MeshLab takes it out; `meshing_remove_t_vertices`, which collapses it,
+    left edges of more than two triangles where 5 % were flat.
+    """
     from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 
     body = to_manifold(vertices, faces, "surface to clean")
@@ -91,19 +142,12 @@ def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return from_manifold(simplify_manifold(body, 0.0))
 
 
-def _smooth(vertices: Floats, faces: Ints, steps: int) -> Floats:
-    answer = call_in_child(
-        smooth_with_meshlab,
-        {"vertices": vertices, "faces": faces},
-        {"steps": steps},
-        seconds=TIME_LIMIT,
-        about=f"smoothing a surface of {len(faces)} triangles; try it without smoothing",
-    )
-    return _at_volume_of(vertices, answer["vertices"], faces)
-
-
 def _simplify(vertices: Floats, faces: Ints, error: float) -> tuple[Floats, Ints, float]:
-    """Return the surface with fewer triangles, and how far the two surfaces lie apart: no more than `error` mm."""
+    """Return the surface with fewer triangles, and how far the two surfaces lie apart: no more than `error` mm.
+
+    By Manifold, which takes a distance: MeshLab's quadric, topology kept, takes a number of triangles and three times
+    as long, and ends half as far away again.
+    """
     from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 
     body, allowed = to_manifold(vertices, faces, "surface to simplify"), _FIRST_SHARE * error
@@ -125,44 +169,3 @@ def _distance(vertices: Floats, faces: Ints, other_vertices: Floats, other_faces
     there, _, _ = igl.point_mesh_squared_distance(points, other_vertices, other_faces)
     back, _, _ = igl.point_mesh_squared_distance(other_points, vertices, faces)
     return float(np.sqrt(max(there.max(), back.max())))
-
-
-def _at_volume_of(old: Floats, vertices: Floats, faces: Ints) -> Floats:
-    """Move a smoothed surface along its normals until it encloses the volume that it had."""
-    wanted, _ = _volume_and_area(old, faces)
-    for _ in range(_VOLUME_STEPS):
-        volume, area = _volume_and_area(vertices, faces)
-        if abs(volume - wanted) <= 1e-6 * abs(wanted):
-            break
-        vertices = vertices + (wanted - volume) / area * _normals(vertices, faces)
-    return vertices
-
-
-def _volume_and_area(vertices: Floats, faces: Ints) -> tuple[float, float]:
-    a, b, c = np.moveaxis(vertices[faces] - vertices.mean(axis=0), 1, 0)
-    doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0), float(doubled.sum() / 2.0)
-
-
-def _normals(vertices: Floats, faces: Ints) -> Floats:
-    """Return the unit normal at each vertex, weighted by area."""
-    a, b, c = np.moveaxis(vertices[faces], 1, 0)
-    normals = np.cross(b - a, c - a)
-    sums = np.stack(
-        [np.bincount(faces.ravel(), np.repeat(normals[:, axis], 3), len(vertices)) for axis in range(3)], axis=1
-    )
-    return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), np.finfo(float).tiny))
-
-
-def smooth_with_meshlab(vertices: Floats, faces: Ints, steps: int) -> Arrays:
-    """Return the smoothed `vertices` (n, 3); runs in a child process."""
-    try:
-        import pymeshlab
-    except ImportError as error:
-        raise StageError(f"pymeshlab cannot be loaded ({error}): {_REMEDY}") from error
-    if _SMOOTHING_FILTER not in pymeshlab.filter_list():
-        raise StageError(f"pymeshlab came up without its filter {_SMOOTHING_FILTER}: {_REMEDY}")
-    meshes = pymeshlab.MeshSet()
-    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
-    meshes.apply_filter(_SMOOTHING_FILTER, stepsmoothnum=steps, selected=False, **_TAUBIN)
-    return {"vertices": meshes.current_mesh().vertex_matrix()}

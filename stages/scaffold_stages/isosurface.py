@@ -51,7 +51,7 @@ class IsosurfaceParams(Params):
         return self
 
 
-@stage(writes="porous", version=3)
+@stage(writes="porous", version=4)
 def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParams) -> IsoSurface:
     """Extract the closed surface of {field > iso}; a porosity is solved for on the volume of the clipped solid.
 
@@ -75,7 +75,7 @@ def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParam
             f"{samples[-1]:.4g}; choose a value between"
         )
     vertices, faces = extract_iso_surface(field.values, params.iso, field.origin, field.spacing)
-    return IsoSurface(vertices, faces, iso=params.iso, skin=params.skin)
+    return IsoSurface(vertices, faces, iso=params.iso, skin=params.skin, spacing=field.spacing)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,4 +179,4 @@ def _at_porosity(search: _Search) -> IsoSurface:
             "as pores close or pieces come off all at once there; ask for another porosity, or lower voxel_size"
         )
     facts: dict[str, Fact] = {"porosity_solved": best.porosity, "rounds": rounds}
-    return IsoSurface(best.vertices, best.faces, best.iso, wanted, search.skin, facts)
+    return IsoSurface(best.vertices, best.faces, best.iso, wanted, search.skin, facts, search.field.spacing)

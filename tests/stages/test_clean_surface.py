@@ -1,21 +1,25 @@
-"""Crumbs and flat triangles go, struts stay; smoothing keeps the volume, simplification its promise."""
+"""Crumbs, flat triangles and doubles go, struts stay; smoothing keeps volume and place, simplification its promise."""
 
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from types import SimpleNamespace
 
 import igl
 import numpy as np
 import pytest
 
+from scaffold_geometry.surfaces import smoothing as module
 from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces.meshlab import smooth_with_meshlab, weld_with_meshlab
+from scaffold_geometry.surfaces.smoothing import hold_smoothing
+from scaffold_geometry.surfaces.triangle_intersections import self_intersecting_faces
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 from scaffold_pipeline.artifacts import IsoSurface
-from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.stages.contract import stage_from_function
-from scaffold_stages import clean_surface as module
-from scaffold_stages.clean_surface import CleanSurfaceParams, clean_surface, smooth_with_meshlab
+from scaffold_stages.clean_surface import CleanSurfaceParams, clean_surface
 from shapes import ball, box, gyroid, inverted, outer_of, require_closed, together
 
 FIELD = gyroid(outer_of(box((0.0, 0.0, 0.0), (8.0, 6.0, 7.0))), 0.4, 6.0)
@@ -26,11 +30,13 @@ def porous(*surfaces: tuple[np.ndarray, np.ndarray]):
 
 
 def scaffold():
-    return porous(extract_iso_surface(FIELD.values, 0.1, FIELD.origin, FIELD.spacing))
+    surface = porous(extract_iso_surface(FIELD.values, 0.1, FIELD.origin, FIELD.spacing))
+    return replace(surface, spacing=FIELD.spacing)
 
 
 def cleaned(surface: IsoSurface, **given: float):
-    return clean_surface(surface, params=CleanSurfaceParams.model_validate(given))
+    """Clean without smoothing, unless it is given: it would round the corners of boxes."""
+    return clean_surface(surface, params=CleanSurfaceParams.model_validate({"smoothing": 0, **given}))
 
 
 def roughness(surface: IsoSurface):
@@ -52,7 +58,7 @@ def test_a_sound_surface_is_returned_as_it_is():
     result = cleaned(surface)
     assert np.array_equal(result.vertices, surface.vertices)
     assert np.array_equal(result.faces, surface.faces)
-    assert (result.iso, result.porosity_requested, result.skin) == (0.25, 0.6, 0.5)
+    assert (result.iso, result.porosity_requested, result.skin, result.spacing) == (0.25, 0.6, 0.5, FIELD.spacing)
     assert result.facts == {
         "rounds": 3,
         "floating_pieces_removed": 0,
@@ -60,6 +66,10 @@ def test_a_sound_surface_is_returned_as_it_is():
         "closed_pores_filled": 0,
         "closed_pore_volume_filled_mm3": 0.0,
         "flat_triangles_removed": 0,
+        "duplicate_vertices_merged": 0,
+        "duplicate_triangles_removed": 0,
+        "non_manifold_edges_split": 0,
+        "non_manifold_vertices_split": 0,
     }
 
 
@@ -137,9 +147,117 @@ def test_smoothing_smooths_keeps_the_volume_and_stays_closed():
 
 def test_smoothing_alone_would_lose_volume():
     vertices, faces = ball(5.0, divisions=2)
-    shrunk = smooth_with_meshlab(vertices, faces, 30)["vertices"]
+    shrunk = smooth_with_meshlab(vertices, faces, 30)
     assert abs(porous((shrunk, faces)).volume / porous((vertices, faces)).volume - 1.0) > 1e-3
     assert cleaned(porous((vertices, faces)), smoothing=30).volume == pytest.approx(porous((vertices, faces)).volume)
+
+
+def slivers(surface: IsoSurface):
+    """Return the share of triangles lower than a tenth of their longest edge."""
+    corners = surface.vertices[surface.faces]
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    return (2.0 * triangles.face_areas(surface.vertices, surface.faces) < 0.1 * longest**2).mean()
+
+
+def test_by_default_slivers_go_and_no_vertex_moves_further_than_half_a_voxel():
+    surface = scaffold()
+    result = clean_surface(surface, params=CleanSurfaceParams())
+    require_closed(result.vertices, result.faces)
+    assert slivers(surface) > 0.02
+    assert slivers(result) < slivers(surface) / 20.0
+    assert result.volume == pytest.approx(surface.volume, rel=1e-5)
+    moves = np.linalg.norm(result.vertices - surface.vertices, axis=1)
+    assert result.facts["smoothing_distance_mm"] == pytest.approx(moves.max())
+    assert result.facts["smoothing_distance_voxels"] == pytest.approx(moves.max() / FIELD.spacing)
+    assert 0.0 < result.facts["smoothing_offset_rms_mm"] < 0.1 * FIELD.spacing < moves.max() < 0.5001 * FIELD.spacing
+
+
+@pytest.mark.parametrize("most", [0.02, 0.1])
+def test_smoothing_goes_no_further_than_asked_at_the_same_volume(most: float):
+    surface = scaffold()
+    free = cleaned(surface, smoothing=20, most_moved=10.0)
+    result = cleaned(surface, smoothing=20, most_moved=most)
+    assert free.facts["smoothing_distance_voxels"] > 2.0 * most
+    assert np.linalg.norm(result.vertices - surface.vertices, axis=1).max() <= most * FIELD.spacing * (1.0 + 1e-9)
+    assert result.volume == pytest.approx(surface.volume, rel=1e-4)
+
+
+def test_a_surface_of_no_voxels_is_smoothed_without_a_limit_in_voxels():
+    result = cleaned(replace(scaffold(), spacing=None), smoothing=3)
+    assert result.facts["smoothing_distance_voxels"] is None
+    assert result.facts["smoothing_distance_mm"] > 0.0
+
+
+def two_plates():
+    """Two plates 0.1 apart, and the same with the middle of the lower one's top lifted through the upper one."""
+    lower, upper = (box((0.0, 0.0, z), (4.0, 4.0, z + 1.0)) for z in (0.0, 1.1))
+    vertices, faces = together(*(igl.upsample(*plate, 2) for plate in (lower, upper)))
+    lifted = vertices.copy()
+    lifted[(np.abs(vertices - [2.0, 2.0, 1.0]) < 1e-9).all(axis=1), 2] += 0.3
+    return vertices, lifted, faces
+
+
+def test_where_smoothing_would_make_walls_cross_their_vertices_are_put_back():
+    vertices, lifted, faces = two_plates()
+    assert not self_intersecting_faces(vertices, faces).any()
+    assert self_intersecting_faces(lifted, faces).any()
+    held = hold_smoothing(vertices, lifted, faces, np.inf)
+    assert not self_intersecting_faces(held.vertices, faces).any()
+    assert 0 < held.put_back < len(vertices)
+
+
+def test_where_putting_back_does_not_help_nothing_is_smoothed_with_a_warning(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(module, "_ROUNDS", 0)
+    surface = scaffold()
+    with pytest.warns(
+        PipelineWarning, match=r"^smoothing: left out, as the surface would cross itself; lower smoothing"
+    ):
+        result = cleaned(surface, smoothing=3)
+    assert np.array_equal(result.vertices, surface.vertices)
+
+
+def test_triangles_that_share_no_vertex_are_joined_at_their_places():
+    vertices, faces = box((0.0, 0.0, 0.0), (4.0, 5.0, 6.0))
+    soup = vertices[faces.ravel()], np.arange(faces.size).reshape(-1, 3)
+    result = cleaned(porous(soup))
+    require_closed(result.vertices, result.faces)
+    assert (len(result.vertices), result.volume) == (8, pytest.approx(120.0))
+    assert result.facts["duplicate_vertices_merged"] == 36 - 8
+
+
+def test_a_triangle_that_is_there_twice_goes_and_a_vertex_of_none_is_no_duplicate():
+    vertices, faces = box((0.0, 0.0, 0.0), (4.0, 5.0, 6.0))
+    doubled = np.vstack([vertices, vertices[:1]]), np.vstack([faces, faces[:2]])
+    assert triangles.edge_faults(doubled[1]).non_manifold > 0
+    result = cleaned(porous(doubled))
+    require_closed(result.vertices, result.faces)
+    assert (len(result.vertices), len(result.faces)) == (8, 12)
+    assert result.facts["duplicate_triangles_removed"] == 2
+    assert result.facts["duplicate_vertices_merged"] == 0
+
+
+@pytest.mark.parametrize("shared", ["edge", "corner"])
+def test_bodies_that_touch_are_split_where_they_do(shared: str):
+    start = 0.0 if shared == "edge" else 6.0
+    first, second = box((0.0, 0.0, 0.0), (4.0, 5.0, 6.0)), box((4.0, 5.0, start), (8.0, 10.0, start + 6.0))
+    vertices, faces = triangles.merge_coincident(*together(first, second))
+    assert triangles.edge_faults(faces).non_manifold == (1 if shared == "edge" else 0)
+    assert triangles.touching_vertices(faces) == (0 if shared == "edge" else 1)
+    welded = weld_with_meshlab(vertices, faces)
+    assert triangles.edge_faults(welded.faces) == (0, 0, 0)
+    assert triangles.touching_vertices(welded.faces) == 0
+    assert (welded.non_manifold_edges, welded.non_manifold_vertices) == ((1, 0) if shared == "edge" else (0, 1))
+    assert cleaned(porous((vertices, faces))).volume == pytest.approx(240.0)
+
+
+def test_meshlab_would_open_the_surface_at_a_flat_triangle():
+    import pymeshlab
+
+    vertices, faces = with_a_flat_triangle()
+    meshes = pymeshlab.MeshSet()
+    meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
+    meshes.apply_filter("meshing_remove_null_faces")
+    assert triangles.edge_faults(meshes.current_mesh().face_matrix().astype(np.int64)).boundary == 3
 
 
 @pytest.mark.parametrize("error", [0.01, 0.05, 0.2])
@@ -172,8 +290,3 @@ def test_a_meshlab_that_cannot_be_loaded_names_the_libraries_too(monkeypatch: py
     monkeypatch.setitem(sys.modules, "pymeshlab", None)
     with pytest.raises(StageError, match=r"cannot be loaded \(.*\): install the system's .*libgl1 libopengl0\)$"):
         smooth_with_meshlab(*box((0, 0, 0), (1, 1, 1)), 1)
-
-
-def test_without_smoothing_meshlab_is_not_needed(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(module, "call_in_child", None)
-    assert cleaned(scaffold(), simplify=0.05).volume > 0.0

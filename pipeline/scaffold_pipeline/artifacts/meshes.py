@@ -465,12 +465,15 @@ class IsoSurface(SurfaceMesh):
         Shell that was counted as solid in solving, mm.
     facts : mapping, optional
         What was done to the surface since.
+    spacing : float, optional
+        Size of the field's voxels, mm; None where the surface comes from no voxels.
     """
 
     iso: float = 0.0
     porosity_requested: float | None = None
     skin: float = 0.0
     facts: Mapping[str, Fact] = field(default_factory=dict)
+    spacing: float | None = None
 
     def summary(self) -> dict[str, Fact]:
         """Return the surface's facts, the iso-value and what was removed."""
