@@ -6,20 +6,22 @@ import zipfile
 from pathlib import Path
 
 WHEEL_NEEDS = (
-    "scaffold_pipeline/cli.py",
+    "scaffold_pipeline/cli/app.py",
     "scaffold_pipeline/py.typed",
     "scaffold_pipeline/examples/femoral_head.yaml",
-    "scaffold_pipeline/report/painter.js",
-    "scaffold_pipeline/report/study_page.js",
-    "scaffold_pipeline/report/tables.js",
-    "scaffold_pipeline/report/viewer.js",
+    "scaffold_pipeline/report/templates/painter.js",
+    "scaffold_pipeline/report/templates/study_page.js",
+    "scaffold_pipeline/report/templates/tables.js",
+    "scaffold_pipeline/report/templates/viewer.js",
+    "scaffold_pipeline/report/templates/run.html.j2",
     "scaffold_stages/arbf_field.py",
-    "scaffold_stages/_kernels/shepard.py",
+    "scaffold_geometry/fields/shepard.py",
+    "scaffold_geometry/py.typed",
     "scaffold_stages/py.typed",
 )
 SDIST_NEEDS = (
     "pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "constraints.txt",
-    "configs/minimal.yaml", "pipeline/scaffold_pipeline/cli.py", "stages/scaffold_stages/arbf_field.py",
+    "configs/minimal.yaml", "pipeline/scaffold_pipeline/cli/app.py", "stages/scaffold_stages/arbf_field.py",
     "tests/end_to_end/distributions.py",
 )  # fmt: skip
 FOREIGN = ("__pycache__", "runs/", ".venv/", ".ci/")
@@ -33,7 +35,7 @@ def main(folder: Path) -> int:
     faults = [f"wheel lacks {name}" for name in WHEEL_NEEDS if name not in wheel]
     faults += [f"sdist lacks {name}" for name in SDIST_NEEDS if name not in sdist]
     faults += [f"foreign file {name}" for name in wheel + sdist if any(part in name for part in FOREIGN)]
-    tops = {name.partition("/")[0] for name in wheel} - {"scaffold_pipeline", "scaffold_stages"}
+    tops = {name.partition("/")[0] for name in wheel} - {"scaffold_pipeline", "scaffold_geometry", "scaffold_stages"}
     faults += [f"wheel installs {name}" for name in tops if not name.endswith(".dist-info")]
     print("\n".join(faults) or f"wheel: {len(wheel)} files, sdist: {len(sdist)} files")
     return int(bool(faults))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -13,7 +12,7 @@ from pydantic import Field, model_validator
 from scaffold_geometry.arrays import Bools, Floats
 from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
 from scaffold_pipeline.artifacts import OuterShape
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.memory import available_memory
 from scaffold_pipeline.stages.contract import Follows, InputFile, Millimetres, Params, Unit
 
@@ -105,7 +104,7 @@ def _grid(bounds: Floats, params: SamplingParams, plane: float | None) -> tuple[
     last = np.array(grid.origin) + grid.spacing * (np.array(grid.shape) - 1)
     _require_memory(np.array([grid.origin, last]), grid.spacing)
     if (bounds[0] < grid.origin).any() or (bounds[1] > last).any():
-        warnings.warn("grid: does not cover the outer shape; the solid ends at the end of the grid", PipelineWarning, 3)
+        warn("grid: does not cover the outer shape; the solid ends where the grid does")
     return np.array(grid.origin, float), grid.spacing, grid.shape
 
 
