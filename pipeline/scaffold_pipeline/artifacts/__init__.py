@@ -1,20 +1,18 @@
 """The values that stages hand to each other: meshes, fields, contours, metrics; frozen, checked once, arrays locked."""
 
+from scaffold_pipeline.artifacts.cell_meshes import CellMesh, PlanarMesh, VolumeMesh
 from scaffold_pipeline.artifacts.contours import Contour, Polygons
 from scaffold_pipeline.artifacts.declarations import Declared, Drawing, Gate, Metric
 from scaffold_pipeline.artifacts.fields import CERTIFICATE_METRICS, UNDER_RESOLVED, Certificate, ScalarField
 from scaffold_pipeline.artifacts.meshes import (
     Artifact,
-    CellMesh,
     Fact,
     Floats,
     Ints,
     IsoSurface,
     OuterShape,
-    PlanarMesh,
     Solid,
     SurfaceMesh,
-    VolumeMesh,
     WrittenFiles,
 )
 from scaffold_pipeline.artifacts.metrics import Curve, Finding, Histogram, Metrics

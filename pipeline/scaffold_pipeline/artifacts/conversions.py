@@ -16,8 +16,9 @@ if TYPE_CHECKING:
     import pyvista
     import trimesh
 
+    from scaffold_pipeline.artifacts.cell_meshes import CellMesh
     from scaffold_pipeline.artifacts.fields import ScalarField
-    from scaffold_pipeline.artifacts.meshes import CellMesh, SurfaceMesh
+    from scaffold_pipeline.artifacts.meshes import SurfaceMesh
 
 _VTK_NUMBERS = {"triangle": 5, "quadrangle": 9, "tetrahedron": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
 """VTK's own numbers of the cell types; corners follow its order already."""
