@@ -91,7 +91,7 @@ class ArbfFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=7, libraries=("llvmlite", "numba", "scipy", "vtk"))
+@stage(writes="field", version=8, libraries=("llvmlite", "numba", "scipy"))
 def arbf_field(
     mesh: CellMesh, outer: OuterShape | None = None, *, params: ArbfFieldParams, executor: Executor | None = None
 ) -> ScalarField:

@@ -42,7 +42,7 @@ class CleanSurfaceParams(Params):
     """Triangles are merged where the surface moves by no more than this; 0 keeps them all."""
 
 
-@stage(writes="porous", version=2, libraries=("libigl", "manifold3d", "pymeshlab", "scipy", "vtk"))
+@stage(writes="porous", version=2, libraries=("libigl", "llvmlite", "manifold3d", "numba", "pymeshlab", "scipy", "vtk"))
 def clean_surface(porous: IsoSurface, *, params: CleanSurfaceParams) -> IsoSurface:
     """Remove floating pieces and flat triangles; smooth at constant volume; simplify to an error in mm.
 

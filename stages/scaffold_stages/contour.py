@@ -40,7 +40,9 @@ class ContourParams(Params):
         return self
 
 
-@stage(writes="contour", version=1, libraries=("libigl", "manifold3d", "scikit-image", "scipy", "vtk"))
+@stage(
+    writes="contour", version=1, libraries=("libigl", "llvmlite", "manifold3d", "numba", "scikit-image", "scipy", "vtk")
+)
 def contour(field: ScalarField, mesh: PlanarMesh, outer: OuterShape | None = None, *, params: ContourParams) -> Contour:
     """Extract {field > iso} of a planar field as polygons, cut to the outline of its mesh; or meet a porosity.
 

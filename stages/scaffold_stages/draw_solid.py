@@ -46,7 +46,7 @@ class DrawSolidParams(Params):
 @stage(
     writes="drawing",
     version=1,
-    libraries=("fast_simplification", "libigl", "manifold3d", "pyvista", "scipy", "vtk"),
+    libraries=("fast_simplification", "libigl", "llvmlite", "manifold3d", "numba", "pyvista", "scipy", "vtk"),
 )
 def draw_solid(
     solid: Solid,

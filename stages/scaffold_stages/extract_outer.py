@@ -31,7 +31,7 @@ class ExtractOuterParams(Params):
     """What to do where the boundary touches itself at a vertex or an edge: move its sheets apart, or stop."""
 
 
-@stage(writes="outer", version=2, libraries=("libigl", "scipy"))
+@stage(writes="outer", version=2, libraries=("llvmlite", "numba", "scipy"))
 def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape:
     """Take the boundary of a volume mesh as the outer shape: closed, outward, quadrangles cut into triangles.
 

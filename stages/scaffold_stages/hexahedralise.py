@@ -40,7 +40,7 @@ class HexahedraliseParams(Params):
     """`grid` takes every cube along the axes that meets the shape, whole; `fitted` ends on its surface."""
 
 
-@stage(writes="mesh", version=1, libraries=("libigl", "llvmlite", "numba", "scipy", "vtk"))
+@stage(writes="mesh", version=2, libraries=("libigl", "llvmlite", "numba", "scipy"))
 def hexahedralise(outer: OuterShape, *, params: HexahedraliseParams) -> VolumeMesh:
     """Fill the outer shape with hexahedra: whole cubes along the axes, or fitted so that they end on its surface.
 

@@ -28,7 +28,7 @@ class InspectSurfaceParams(Params):
     """What a length of 1 in the file means; left out, what the file says, or else mm."""
 
 
-@stage(writes="metrics", version=2, libraries=("libigl", "manifold3d", "scipy", "trimesh", "vtk"))
+@stage(writes="metrics", version=3, libraries=("llvmlite", "manifold3d", "numba", "scipy", "trimesh", "vtk"))
 def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
     """Measure a surface file: unit, size, area, volume, closedness, pieces, self-intersections.
 

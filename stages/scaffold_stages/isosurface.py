@@ -51,7 +51,7 @@ class IsosurfaceParams(Params):
         return self
 
 
-@stage(writes="porous", version=3, libraries=("libigl", "manifold3d", "scipy", "vtk"))
+@stage(writes="porous", version=4, libraries=("libigl", "llvmlite", "manifold3d", "numba", "scipy", "vtk"))
 def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParams) -> IsoSurface:
     """Extract the closed surface of {field > iso}; a porosity is solved for on the volume of the clipped solid.
 

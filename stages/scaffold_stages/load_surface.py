@@ -70,7 +70,7 @@ class LoadSurfaceParams(Params):
     out, 1 % of the diagonal."""
 
 
-@stage(writes="outer", version=3, libraries=("libigl", "manifold3d", "scipy", "trimesh", "vtk"))
+@stage(writes="outer", version=3, libraries=("libigl", "llvmlite", "manifold3d", "numba", "scipy", "trimesh", "vtk"))
 def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     """Read a surface in mm, repair it, turn it outward, and refuse what does not bound a solid.
 

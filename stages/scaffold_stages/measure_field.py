@@ -34,7 +34,7 @@ class MeasureFieldParams(Params):
         return self
 
 
-@stage(writes="metrics", version=2, libraries=("scipy", "vtk"))
+@stage(writes="metrics", version=3, libraries=("llvmlite", "numba", "scipy"))
 def measure_field(field: ScalarField, outer: OuterShape, *, params: MeasureFieldParams) -> Metrics:
     """Count solid and void pieces, open channels and whole struts of a field at an iso-value, on its voxels.
 

@@ -38,7 +38,7 @@ class RbfFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=1, libraries=("llvmlite", "numba", "scipy", "vtk"))
+@stage(writes="field", version=2, libraries=("llvmlite", "numba", "scipy"))
 def rbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: RbfFieldParams) -> ScalarField:
     """Compute the isotropic RBF field of a mesh, on points only, and certify its connectivity: for comparison.
 

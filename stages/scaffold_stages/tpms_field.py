@@ -86,7 +86,7 @@ class TpmsFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=1, libraries=("vtk",))
+@stage(writes="field", version=2, libraries=("llvmlite", "numba"))
 def tpms_field(outer: OuterShape, *, params: TpmsFieldParams) -> ScalarField:
     """Compute the field of a triply periodic minimal surface, skeletal or sheet, over the outer shape.
 

@@ -38,7 +38,11 @@ class WriteContourParams(Params):
     """Longest side of the PNG."""
 
 
-@stage(writes="contour_files", version=1, libraries=("libigl", "manifold3d", "pyvista", "scikit-image", "scipy", "vtk"))
+@stage(
+    writes="contour_files",
+    version=1,
+    libraries=("libigl", "llvmlite", "manifold3d", "numba", "pyvista", "scikit-image", "scipy", "vtk"),
+)
 def write_contour(contour: Contour, *, params: WriteContourParams, out: Path) -> WrittenFiles:
     """Write the contour as SVG, in mm and in its own place, and as PNG, the solid dark on white.
 
