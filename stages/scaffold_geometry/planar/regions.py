@@ -87,7 +87,8 @@ def section_at(vertices: Floats, faces: Ints, z: float) -> Region:
 def fill(rings: Sequence[Floats], shape: tuple[int, int]) -> Bools:
     """Tell which pixels of `shape` have their centre [i, j] within rings in pixels, by the even-odd rule.
 
-    Along each row of pixels, every crossing of a ring turns what follows over.
+    Along each row of pixels, every edge of a ring turns what follows over. Regions side by side share no pixel;
+    skimage.draw.polygon gives them some in common, in 20 times the time.
     """
     starts, ends = (np.concatenate([np.roll(ring, shift, axis=0) for ring in rings]) for shift in (1, 0))
     low, high = np.sort(np.stack([starts[:, 0], ends[:, 0]]), axis=0)
