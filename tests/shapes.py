@@ -165,3 +165,13 @@ def turned_about_x(surface: Surface, degrees: float) -> Surface:
 
 def _body(surface: Surface) -> booleans.Manifold:
     return booleans.to_manifold(*surface, "part")
+
+
+def self_intersections_by_cgal(vertices: np.ndarray, faces: np.ndarray) -> list[int]:
+    """Return the faces that cross or touch others, as CGAL's exact predicates find them; not those there twice."""
+    from igl.copyleft import cgal
+
+    pairs = cgal.remesh_self_intersections(
+        np.ascontiguousarray(vertices), np.ascontiguousarray(faces, np.int64), detect_only=True
+    )[2]
+    return np.unique(pairs).tolist()

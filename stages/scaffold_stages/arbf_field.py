@@ -101,7 +101,7 @@ METRICS = (
 """What the field's facts are."""
 
 
-@stage(writes="field", version=7, metrics=METRICS)
+@stage(writes="field", version=8, metrics=METRICS)
 def arbf_field(
     mesh: CellMesh, outer: OuterShape | None = None, *, params: ArbfFieldParams, executor: Executor | None = None
 ) -> ScalarField:

@@ -40,7 +40,7 @@ class HexahedraliseParams(Params):
     """`grid`: all whole cubes along the axes that overlap the shape; `fitted`: the mesh ends on the surface."""
 
 
-@stage(writes="mesh", version=1)
+@stage(writes="mesh", version=2)
 def hexahedralise(outer: OuterShape, *, params: HexahedraliseParams) -> VolumeMesh:
     """Fill the outer shape with hexahedra: whole cubes along the axes, or a mesh fitted to its surface.
 

@@ -58,7 +58,7 @@ class InspectSurfaceParams(Params):
     """What a length of 1 in the file means; left out, what the file says, or else mm."""
 
 
-@stage(writes="metrics", version=2, metrics=METRICS)
+@stage(writes="metrics", version=3, metrics=METRICS)
 def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
     """Measure a surface file: unit, size, area, volume, closedness, pieces, self-intersections.
 

@@ -22,7 +22,7 @@ class IntersectOuterParams(Params):
     """Whether all closed pores are filled, however large."""
 
 
-@stage(writes="solid", version=5)
+@stage(writes="solid", version=6)
 def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectOuterParams) -> Solid:
     """Cut the porous surface to the outer shape, with a solid skin where asked for, and keep the one main piece.
 

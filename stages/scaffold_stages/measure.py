@@ -116,7 +116,7 @@ def measure(
     `write_solid` writes the same bytes, wherever it stands in the config. A field without certificate, or a config
     without mesh, leaves the gates that need them out; `gates_not_applied` names these.
     """
-    from scaffold_geometry.files.stl import from_stl, to_stl
+    from scaffold_geometry.files.binary_stl import from_stl, to_stl
     from scaffold_geometry.measures.printability.verdict import lint
     from scaffold_geometry.surfaces.shells import shell_facts
 

@@ -59,7 +59,7 @@ class MeasureFieldParams(Params):
         return self
 
 
-@stage(writes="metrics", version=2, metrics=METRICS)
+@stage(writes="metrics", version=3, metrics=METRICS)
 def measure_field(field: ScalarField, outer: OuterShape, *, params: MeasureFieldParams) -> Metrics:
     """Count solid and void pieces, open channels and whole struts of a field at an iso-value, on its voxels.
 

@@ -73,7 +73,7 @@ def measure_plate(
     Its porosity is 1 - (its volume) / (area within the contour's outline x its height). Pores need not hang together:
     between whole struts each is a hole of its own.
     """
-    from scaffold_geometry.files.stl import from_stl, to_stl
+    from scaffold_geometry.files.binary_stl import from_stl, to_stl
     from scaffold_geometry.surfaces.shells import shell_facts
 
     vertices, faces = from_stl(to_stl(solid.vertices, solid.faces, "measured"))

@@ -39,7 +39,7 @@ class RbfFieldParams(SamplingParams):
         return self
 
 
-@stage(writes="field", version=1, metrics=interpolation.METRICS)
+@stage(writes="field", version=2, metrics=interpolation.METRICS)
 def rbf_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: RbfFieldParams) -> ScalarField:
     """Compute the isotropic RBF field of a mesh from points only, with a connectivity certificate, for comparison.
 

@@ -93,7 +93,7 @@ METRICS = (
 """What the field's facts are."""
 
 
-@stage(writes="field", version=1, metrics=METRICS)
+@stage(writes="field", version=2, metrics=METRICS)
 def tpms_field(outer: OuterShape, *, params: TpmsFieldParams) -> ScalarField:
     """Compute the field of a triply periodic minimal surface, skeletal or sheet, over the outer shape.
 

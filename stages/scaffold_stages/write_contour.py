@@ -44,12 +44,7 @@ DRAWINGS = (
 )
 
 
-@stage(
-    writes="contour_files",
-    version=1,
-    libraries=("libigl", "manifold3d", "pyvista", "scikit-image", "scipy", "vtk"),
-    drawings=DRAWINGS,
-)
+@stage(writes="contour_files", version=1, drawings=DRAWINGS)
 def write_contour(contour: Contour, *, params: WriteContourParams, out: Path) -> WrittenFiles:
     """Write the contour as SVG, in mm and with its coordinates, and as PNG, the solid dark on white.
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from scaffold_geometry.files.stl import to_stl
+from scaffold_geometry.files.binary_stl import to_stl
 from scaffold_pipeline.cli.app import main
 
 CUBE = np.array([[x, y, z] for x in (0, 10) for y in (0, 10) for z in (0, 10)], float)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from end_to_end.solid_judge import faults_of
-from scaffold_geometry.files.stl import from_stl
+from scaffold_geometry.files.binary_stl import from_stl
 from scaffold_pipeline.artifacts import Solid
 from scaffold_pipeline.cli.app import main
 from scaffold_pipeline.config.draft import read_draft

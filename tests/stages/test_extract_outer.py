@@ -13,7 +13,6 @@ import pytest
 from end_to_end.solid_judge import faults_of
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.repair import vertex_splitting
-from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_pipeline.artifacts import OuterShape, VolumeMesh
 from scaffold_pipeline.cli.app import main
 from scaffold_pipeline.errors import PipelineWarning, StageError
@@ -21,7 +20,7 @@ from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.extract_outer import ExtractOuterParams, extract_outer
 from scaffold_stages.jitter import JitterParams, jitter
 from scaffold_stages.load_volume_mesh import LoadVolumeMeshParams, load_volume_mesh
-from shapes import box, hexahedra, inverted, require_closed, tetrahedra, together
+from shapes import box, hexahedra, inverted, require_closed, self_intersections_by_cgal, tetrahedra, together
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT.parent / "shared" / "data" / "volume"
@@ -55,7 +54,7 @@ def require_sound(outer: OuterShape):
     body = manifold3d.Manifold(manifold3d.Mesh64(np.array(outer.vertices), np.array(outer.faces, np.uint64)))
     assert body.status() == manifold3d.Error.NoError
     assert body.volume() == pytest.approx(outer.volume)
-    assert not len(find_self_intersections(outer.vertices, outer.faces)["faces"])
+    assert not self_intersections_by_cgal(outer.vertices, outer.faces)
 
 
 def test_it_keeps_the_contract_of_a_stage():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scaffold_geometry.surfaces.triangle_intersections import self_intersecting_faces
+from scaffold_geometry.surfaces.self_intersections import self_intersecting_faces
 from scaffold_pipeline.artifacts import Contour, Polygons, Solid
 from scaffold_stages.contour import ContourParams, contour
 from scaffold_stages.extrude import ExtrudeParams, extrude

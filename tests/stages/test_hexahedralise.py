@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from scipy.spatial import cKDTree
 
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.triangle_intersections import self_intersecting_faces
+from scaffold_geometry.surfaces.self_intersections import self_intersecting_faces
 from scaffold_geometry.volumes import cells
 from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_geometry.volumes.hexahedra.quality import least_jacobians

@@ -7,12 +7,12 @@ import pytest
 from pydantic import ValidationError
 
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages import make_shape as module
 from scaffold_stages.make_shape import MakeShapeParams, make_shape
+from shapes import self_intersections_by_cgal
 
 SHAPES = [
     {"shape": "box", "width": 10.0, "depth": 7.0, "height": 3.0, "facet": 1.5},
@@ -49,7 +49,7 @@ def test_every_shape_is_a_sound_body(given: dict[str, float]):
     assert not any(triangles.edge_faults(outer.faces))
     assert triangles.euler_characteristic(outer.faces) == 2
     assert triangles.touching_vertices(outer.faces) == 0
-    assert len(find_self_intersections(outer.vertices, outer.faces)["faces"]) == 0
+    assert self_intersections_by_cgal(outer.vertices, outer.faces) == []
     assert smallest_angle(outer) > 15.0
     assert mean_edge(outer) == pytest.approx(given["facet"], rel=0.2)
     assert outer.bounds[0, 2] == pytest.approx(0.0, abs=0.1)

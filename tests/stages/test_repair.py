@@ -14,11 +14,10 @@ import scaffold_geometry.surfaces.repair.outer_shape as outer_shape_module
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.repair import displacement, hole_triangulation, holes
 from scaffold_geometry.surfaces.repair.log import TURNED, RepairLog
-from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError
 from scaffold_stages.load_surface import LoadSurfaceParams, load_surface
-from shapes import ball, box, inverted, require_closed, together, volume_of
+from shapes import ball, box, inverted, require_closed, self_intersections_by_cgal, together, volume_of
 
 RADIUS = 10.0
 BALL = ball(RADIUS, divisions=4)
@@ -60,7 +59,7 @@ def in_children():
 
 def require_sound(outer: OuterShape):
     require_closed(outer.vertices, outer.faces)
-    assert not len(find_self_intersections(outer.vertices, outer.faces)["faces"])
+    assert not self_intersections_by_cgal(outer.vertices, outer.faces)
 
 
 def note_of(outer: OuterShape, start: str):
@@ -353,7 +352,7 @@ def test_what_cannot_be_cut_in_time_is_rebuilt_on_a_grid(monkeypatch: pytest.Mon
     def give_up(**_arrays: np.ndarray):
         raise StageError("gave no result within 300 s")
 
-    monkeypatch.setattr(repair_module.self_intersections, "resolve_self_intersections", give_up)
+    monkeypatch.setattr(repair_module.exact_union, "resolve_self_intersections", give_up)
     outer = loaded(tmp_path, BALL, repair="rebuild", tolerance=1.0)
     require_sound(outer)
     assert note_of(outer, "rebuilt from").endswith("as gave no result within 300 s")

@@ -174,13 +174,12 @@ def test_a_3mf_against_the_standard_is_refused(tmp_path: Path, monkeypatch: pyte
 
 
 def test_a_glb_in_other_units_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    scene = glb._scene
+    complete = glb._complete
 
-    def in_centimetres(*given: object) -> dict:
-        made = scene(*given)
-        made["nodes"][0]["matrix"] = [10.0 * value for value in made["nodes"][0]["matrix"][:15]] + [1.0]
-        return made
+    def in_centimetres(model: Model, tree: dict) -> None:
+        complete(model, tree)
+        tree["nodes"][0]["matrix"] = [10.0 * value for value in tree["nodes"][0]["matrix"][:15]] + [1.0]
 
-    monkeypatch.setattr(glb, "_scene", in_centimetres)
+    monkeypatch.setattr(glb, "_complete", in_centimetres)
 
     write_refused(tmp_path, "glb", "must be placed in metres with y up, but its node's matrix is")

@@ -70,9 +70,13 @@ def test_a_glb_is_a_scene_in_metres_with_y_up(tmp_path: Path):
 
 def test_a_glb_keeps_the_rules_of_gltf(tmp_path: Path):
     text, binary = glb_parts(written(tmp_path, "glb", name="Fersenbein <2> & Knöchel"))
-    position, index = text["accessors"]
-    points = np.frombuffer(binary, "<f4", 3 * position["count"]).reshape(-1, 3)
-    corners = np.frombuffer(binary, "<u4", index["count"], offset=text["bufferViews"][1]["byteOffset"])
+    (primitive,) = text["meshes"][0]["primitives"]
+    position, index = (text["accessors"][at] for at in (primitive["attributes"]["POSITION"], primitive["indices"]))
+    starts = [
+        text["bufferViews"][one["bufferView"]]["byteOffset"] + one.get("byteOffset", 0) for one in (position, index)
+    ]
+    points = np.frombuffer(binary, "<f4", 3 * position["count"], offset=starts[0]).reshape(-1, 3)
+    corners = np.frombuffer(binary, "<u4", index["count"], offset=starts[1])
 
     assert text["asset"]["version"] == "2.0"
     assert text["asset"]["extras"]["unit"] == "mm"

@@ -88,7 +88,8 @@ def section_at(vertices: Floats, faces: Ints, z: float) -> Region:
 def rasterise(rings: Sequence[Floats], shape: tuple[int, int]) -> Bools:
     """Return a mask, of `shape`, of the pixels whose centre [i, j] is inside rings in pixels, by the even-odd rule.
 
-    Along each row of pixels, every crossing of a ring switches between inside and outside.
+    Along each row of pixels, every crossing of a ring switches between inside and outside. Regions side by side share
+    no pixel; skimage.draw.polygon gives them some in common, in 20 times the time.
     """
     starts, ends = (np.concatenate([np.roll(ring, shift, axis=0) for ring in rings]) for shift in (1, 0))
     low, high = np.sort(np.stack([starts[:, 0], ends[:, 0]]), axis=0)

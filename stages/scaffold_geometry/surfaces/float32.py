@@ -16,7 +16,7 @@ import numpy as np
 from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 from scaffold_geometry.surfaces.merge_corners import to_single
-from scaffold_geometry.surfaces.triangle_intersections import degenerate_faces, self_intersecting_faces
+from scaffold_geometry.surfaces.self_intersections import degenerate_faces, self_intersecting_faces
 from scaffold_geometry.surfaces.triangles import duplicate_vertex_faces
 from scaffold_pipeline.errors import StageError
 

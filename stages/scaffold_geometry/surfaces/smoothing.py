@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
-from scaffold_geometry.surfaces.triangle_intersections import self_intersecting_faces
+from scaffold_geometry.surfaces.self_intersections import self_intersecting_faces
 
 _VOLUME_STEPS = 4
 _SAME_VOLUME = 1e-6

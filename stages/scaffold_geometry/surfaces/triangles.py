@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from scaffold_geometry.arrays import Bools, Floats, Ints
+from scaffold_geometry.surfaces.edges import components
 
 FLAT = 1e-12
 """A triangle lower than this share of the greatest coordinate has no area that float64 can tell from none."""
@@ -100,7 +101,7 @@ def edge_faults(faces: Ints) -> EdgeFaults:
 def face_pieces(faces: Ints) -> Ints:
     """Return the number of the edge-connected piece that each face belongs to, (m,), from 0."""
     one, other = _neighbours(faces)
-    return _components(one // 3, other // 3, len(faces))
+    return components(one // 3, other // 3, len(faces))
 
 
 def corner_fans(faces: Ints) -> Ints:
@@ -113,7 +114,7 @@ def corner_fans(faces: Ints) -> Ints:
     at_tail = np.where(is_same_way, other, _next(other))
     at_head = np.where(is_same_way, _next(other), other)
     starts, ends = np.concatenate([one, _next(one)]), np.concatenate([at_tail, at_head])
-    return _components(starts, ends, faces.size).reshape(-1, 3)
+    return components(starts, ends, faces.size).reshape(-1, 3)
 
 
 def touching_vertices(faces: Ints) -> int:
@@ -137,7 +138,7 @@ def consistent_winding(faces: Ints) -> Winding:
     one, other = _neighbours(faces, only_pairs=True)
     clash = (_tails(faces)[one] == _tails(faces)[other]).astype(np.int64)
     a, b = one // 3, other // 3
-    side = _components(
+    side = components(
         np.concatenate([a, a + count]), np.concatenate([b + clash * count, b + (1 - clash) * count]), 2 * count
     )
     as_is, turned = side[:count], side[count:]
@@ -170,7 +171,8 @@ def face_areas(vertices: Floats, faces: Ints) -> Floats:
 def winding_number(point: Floats, vertices: Floats, faces: Ints) -> float:
     """Return how often a closed surface winds about `point` (3,): 1 inside, 0 outside, negated if inverted.
 
-    The sum of solid angles of Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126.
+    The sum of solid angles of Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126: exact, and faster
+    for one point than libigl's fast one, which first builds a tree (docs/decisions/libraries.md).
     """
     a, b, c = np.moveaxis(vertices[faces] - point, 1, 0)
     la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
@@ -207,11 +209,3 @@ def _neighbours(faces: Ints, *, only_pairs: bool = False) -> tuple[Ints, Ints]:
         run = np.concatenate([[False], meets, [False]])
         meets = meets & ~run[:-2] & ~run[2:]
     return order[:-1][meets], order[1:][meets]
-
-
-def _components(starts: Ints, ends: Ints, count: int) -> Ints:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(starts), dtype=np.int8), (starts, ends)), shape=(count, count))
-    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)

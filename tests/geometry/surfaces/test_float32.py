@@ -8,7 +8,7 @@ import trimesh
 
 from scaffold_geometry.surfaces.booleans import to_manifold
 from scaffold_geometry.surfaces.float32 import snap_to_float32
-from scaffold_geometry.surfaces.triangle_intersections import degenerate_faces, self_intersecting_faces
+from scaffold_geometry.surfaces.self_intersections import degenerate_faces, self_intersecting_faces
 from scaffold_pipeline.errors import StageError
 
 BALL = trimesh.creation.icosphere(4, radius=5.0)

@@ -11,7 +11,7 @@ from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.volumes import lattices
 from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_geometry.volumes.cells import faces
-from scaffold_geometry.volumes.hexahedra import cores
+from scaffold_geometry.volumes.hexahedra import cube_sets
 from scaffold_geometry.volumes.hexahedra.overlaps import find_overlapping_cubes
 from shapes import ball, box
 
@@ -77,7 +77,7 @@ def mask_of(places: list[tuple[int, ...]], counts: tuple[int, int, int] = (2, 2,
     ],
 )
 def test_cubes_about_a_corner_have_a_way_out_or_none(places: list[tuple[int, ...]], is_bad: bool):  # noqa: FBT001
-    ways, bad = cores.outward_directions(mask_of(places))
+    ways, bad = cube_sets.outward_directions(mask_of(places))
     assert bad[1, 1, 1] == is_bad
     if not is_bad:  # the way leads out of every face at the corner
         np.testing.assert_array_equal(ways[1, 1, 1], [1, 1, 1])
@@ -87,7 +87,7 @@ def test_among_all_sets_of_eight_cubes_those_with_a_way_out_are_manifold():
     number = 0
     for taken in product((False, True), repeat=8):
         cubes = np.array(taken).reshape(2, 2, 2)
-        if not cubes.any() or cores.outward_directions(cubes)[1].any():
+        if not cubes.any() or cube_sets.outward_directions(cubes)[1].any():
             continue
         number += 1
         assert_manifold(cubes)
@@ -106,9 +106,9 @@ def test_mending_makes_any_set_a_manifold(shallowest: float):
     rng = np.random.default_rng(5)
     depths = rng.uniform(0.0, 1.0, (7, 8, 9))
     cubes = depths > 0.4
-    assert cores.outward_directions(cubes)[1].any()
-    mended = cores.make_core_manifold(cubes, depths, shallowest)
-    assert not cores.outward_directions(mended)[1].any()
+    assert cube_sets.outward_directions(cubes)[1].any()
+    mended = cube_sets.make_core_manifold(cubes, depths, shallowest)
+    assert not cube_sets.outward_directions(mended)[1].any()
     if mended.any():
         assert_manifold(mended)
     assert not (mended & ~cubes)[depths < shallowest].any()
@@ -117,10 +117,14 @@ def test_mending_makes_any_set_a_manifold(shallowest: float):
 def test_mending_adds_the_deepest_cubes_and_keeps_mirrored_sets_mirrored():
     depths = np.random.default_rng(6).uniform(0.0, 1.0, (6, 6, 4))
     depths = np.concatenate([depths, depths[::-1]])
-    mended = cores.make_core_manifold(depths > 0.35, depths, 0.2)
+    mended = cube_sets.make_core_manifold(depths > 0.35, depths, 0.2)
     np.testing.assert_array_equal(mended, mended[::-1])
 
     crossed = mask_of([(0, 0, 0), (1, 1, 0)], (2, 2, 1))
     depths = np.array([0.9, 0.3, 0.2, 0.8]).reshape(2, 2, 1)
-    np.testing.assert_array_equal(cores.make_core_manifold(crossed, depths, 0.25).ravel(), [True, True, False, True])
-    np.testing.assert_array_equal(cores.make_core_manifold(crossed, depths, 0.5).ravel(), [True, False, False, False])
+    np.testing.assert_array_equal(
+        cube_sets.make_core_manifold(crossed, depths, 0.25).ravel(), [True, True, False, True]
+    )
+    np.testing.assert_array_equal(
+        cube_sets.make_core_manifold(crossed, depths, 0.5).ravel(), [True, False, False, False]
+    )

@@ -78,6 +78,14 @@ def test_samples_exactly_on_the_surface_leave_those_within_and_without_alone():
     assert not inside[((where < -0.1) | (where > [2.1, 3.1, 4.1])).any(axis=-1)].any()
 
 
+def test_samples_on_the_surface_belong_to_the_body_above_them_on_each_axis():
+    vertices, faces = box((0.0, 0.0, 0.0), (2.0, 3.0, 4.0))
+    origin, shape = np.full(3, -1.0), (8, 10, 12)
+    where = places(origin, 0.5, shape)
+    expected = ((where >= 0.0) & (where < [2.0, 3.0, 4.0])).all(axis=-1)
+    assert (samples_inside(vertices, faces, origin, 0.5, shape) == expected).all()
+
+
 def test_growth_reaches_diagonal_neighbours_and_stops_at_the_edge():
     inside = np.zeros((6, 7, 8), bool)
     inside[0, 3, 4] = True

@@ -149,7 +149,7 @@ def _require_shells(surface: SurfaceMesh, expected: ExpectedSolid) -> None:
 
 def _require_no_self_intersections(surface: SurfaceMesh) -> None:
     """Check that no two triangles have more in common than the vertices and edge that they share."""
-    from scaffold_geometry.surfaces.triangle_intersections import degenerate_faces, self_intersecting_faces
+    from scaffold_geometry.surfaces.self_intersections import degenerate_faces, self_intersecting_faces
 
     if flat := int(degenerate_faces(surface.vertices, surface.faces).sum()):
         raise StageError(f"must have no triangle without area, but {flat} have none; {_REMEDY}")

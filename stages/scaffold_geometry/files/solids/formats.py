@@ -14,8 +14,9 @@ from scaffold_geometry.files.solids.model import Mesh, Model
 class FileFormat:
     """How to write a model to a file, and how others read it, by their names.
 
-    The writers are our own: a reader that comes with its writer would share what both get wrong. Readers go in order,
-    so that VTK's, which end the process on a file that is cut off, see only what another has found whole.
+    Each file has a reader that had no part in writing it: one that comes with its writer would share what both get
+    wrong. Readers go in order, so that VTK's, which end the process on a file that is cut off, see only what another
+    has found whole.
     """
 
     write: Callable[[Path, Model], None]

@@ -6,8 +6,7 @@ them to metres and turns z up. A reader that applies it in float32 rounds once m
 
 from __future__ import annotations
 
-import json
-import struct
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,53 +19,30 @@ from scaffold_pipeline.errors import StageError
 TO_METRES_Y_UP = ((0.001, 0.0, 0.0, 0.0), (0.0, 0.0, 0.001, 0.0), (0.0, -0.001, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 """The node's matrix, by rows: x, y, z in mm become x, z, -y in m."""
 
-_FLOAT, _UINT32 = 5126, 5125
-_VERTEX_DATA, _INDEX_DATA = 34962, 34963
-
 
 def write(path: Path, model: Model) -> None:
     """Write the model as GLB."""
-    vertices = model.mesh.vertices.astype("<f4").tobytes()  # of 12 bytes each, so that the indices stay aligned
-    faces = model.mesh.faces.astype("<u4").tobytes()
-    text = json.dumps(_scene(model, len(vertices), len(faces)), separators=(",", ":"), ensure_ascii=False).encode()
-    text += b" " * (-len(text) % 4)
-    chunks = [(b"JSON", [text]), (b"BIN\0", [vertices, faces])]
-    with path.open("wb") as stream:
-        stream.write(struct.pack("<4sII", b"glTF", 2, 12 + 16 + len(text) + len(vertices) + len(faces)))
-        for name, parts in chunks:
-            stream.write(struct.pack("<I4s", sum(map(len, parts)), name))
-            stream.writelines(parts)
+    import trimesh
+
+    look = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name="solid"))
+    scene = trimesh.Scene()
+    scene.add_geometry(
+        trimesh.Trimesh(*model.mesh, process=False, visual=look),
+        node_name="solid",
+        transform=np.array(TO_METRES_Y_UP),
+    )
+    path.write_bytes(scene.export(file_type="glb", include_normals=False, tree_postprocessor=partial(_complete, model)))
 
 
-def _scene(model: Model, vertex_bytes: int, face_bytes: int) -> dict[str, Any]:
-    """Return the JSON of the file: one scene, node, mesh, material and buffer."""
-    vertices, faces = model.mesh
+def _complete(model: Model, tree: dict[str, Any]) -> None:
+    """Put into the JSON of a file what trimesh has no place or not enough digits for."""
     extras = {**model.notes, "note": "positions are mm in the input's axes; the node's matrix gives metres, y up"}
-    views = [
-        {"buffer": 0, "byteOffset": 0, "byteLength": vertex_bytes, "target": _VERTEX_DATA},
-        {"buffer": 0, "byteOffset": vertex_bytes, "byteLength": face_bytes, "target": _INDEX_DATA},
-    ]
-    positions = {
-        "bufferView": 0,
-        "componentType": _FLOAT,
-        "count": len(vertices),
-        "type": "VEC3",
-        "min": vertices.min(axis=0).tolist(),
-        "max": vertices.max(axis=0).tolist(),
-    }
-    indices = {"bufferView": 1, "componentType": _UINT32, "count": faces.size, "type": "SCALAR"}
-    shine = {"baseColorFactor": _linear(model.colour), "metallicFactor": 0.0, "roughnessFactor": 0.8}
-    columns = [row[column] for column in range(4) for row in TO_METRES_Y_UP]
-    return {
-        "asset": {"version": "2.0", "generator": APPLICATION, "extras": extras},
-        "scene": 0,
-        "scenes": [{"name": model.title, "nodes": [0]}],
-        "nodes": [{"name": model.title, "mesh": 0, "matrix": columns}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1, "material": 0, "mode": 4}]}],
-        "materials": [{"name": "solid", "pbrMetallicRoughness": shine}],
-        "accessors": [positions, indices],
-        "bufferViews": views,
-        "buffers": [{"byteLength": vertex_bytes + face_bytes}],
+    tree["asset"] |= {"generator": APPLICATION, "extras": extras}
+    tree["scenes"][0]["name"] = tree["nodes"][0]["name"] = model.title
+    tree["materials"][0]["pbrMetallicRoughness"] = {
+        "baseColorFactor": _linear(model.colour),
+        "metallicFactor": 0.0,
+        "roughnessFactor": 0.8,
     }
 
 

@@ -13,7 +13,7 @@ _FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
 def write(path: Path, model: Model) -> None:
-    """Write the model as PLY."""
+    """Write the model as PLY; trimesh's writer has no place for the unit and the configuration's hash."""
     vertices, faces = model.mesh
     comments = [f"comment {name}: {value}" for name, value in model.notes.items()]
     header = [

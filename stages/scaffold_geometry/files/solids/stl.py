@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from scaffold_geometry.files.binary_stl import to_stl
 from scaffold_geometry.files.solids.model import APPLICATION, Mesh, Model, mesh_of_corners
 from scaffold_geometry.files.solids.readers import mesh_by_vtk, reading
-from scaffold_geometry.files.stl import to_stl
 
 
 def write(path: Path, model: Model) -> None:

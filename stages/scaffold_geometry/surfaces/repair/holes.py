@@ -1,6 +1,7 @@
 """Fill the holes of a surface: P. Liepa, "Filling holes in meshes", Symposium on Geometry Processing (2003) 200-205.
 
-Each hole is spanned by triangles that bend least, these are refined to the density around it and faired.
+Each hole is spanned by triangles that bend least, these are refined to the density around it and faired. MeshLab's
+`meshing_close_holes` fills flat and leaves half of the broken files open (docs/decisions/libraries.md).
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import numpy as np
 from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.edges import Surface, edges_of
-from scaffold_geometry.surfaces.repair import fins_and_walls, holes, mend, self_intersections, winding_number
+from scaffold_geometry.surfaces.repair import exact_union, fins_and_walls, holes, mend, winding_number
 from scaffold_geometry.surfaces.repair.log import TURNED, OpCounts, RepairLog, RepairOp
 from scaffold_geometry.surfaces.repair.non_manifold import try_split_non_manifold
 from scaffold_pipeline.errors import StageError
@@ -68,7 +68,7 @@ def rebuild_surface(vertices: Floats, faces: Ints, tolerance: float, name: str) 
     try:
         *whole, closing = _close(vertices, faces)
         answer = call_in_child(
-            self_intersections.resolve_self_intersections,
+            exact_union.resolve_self_intersections,
             dict(zip(_NAMES, whole, strict=True)),
             {},
             seconds=seconds,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces import triangles
-from scaffold_geometry.surfaces.repair.self_intersections import without_slivers
+from scaffold_geometry.surfaces.repair.exact_union import without_slivers
 from scaffold_geometry.surfaces.self_intersections import find_self_intersections
 from scaffold_geometry.voxels.grids import dilate, grid_over
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface

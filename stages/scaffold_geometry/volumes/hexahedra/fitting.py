@@ -14,7 +14,7 @@ import numpy as np
 from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.volumes import lattices
 from scaffold_geometry.volumes.cells import faces as faces_of
-from scaffold_geometry.volumes.hexahedra import cores
+from scaffold_geometry.volumes.hexahedra import cube_sets
 from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
 
 _DEPTH, _SHALLOWEST = -0.1, -0.5
@@ -75,7 +75,7 @@ def fit_hexahedra(vertices: Floats, faces: Ints, size: float) -> tuple[Floats, I
     origin, doubled = grid_over(bounds, 2.0 * size, 1)
     shape = (2 * doubled[0] - 2, 2 * doubled[1] - 2, 2 * doubled[2] - 2)
     depths = _depths(vertices, faces, origin, size, shape)
-    core = cores.make_core_manifold(depths >= _DEPTH, depths, _SHALLOWEST)
+    core = cube_sets.make_core_manifold(depths >= _DEPTH, depths, _SHALLOWEST)
     if not core.any():
         return None
     coated = _coat_core(core)
@@ -102,7 +102,7 @@ def _coat_core(core: Bools) -> Coated:
     quadrangles = faces_of({"hexahedron": cubes}).quadrangles
     under, ring = np.unique(quadrangles, return_inverse=True)
     ring = len(lattice) + ring.reshape(quadrangles.shape)
-    ways = cores.outward_directions(core)[0][tuple(lattice[under].T)].astype(np.float64)
+    ways = cube_sets.outward_directions(core)[0][tuple(lattice[under].T)].astype(np.float64)
     ways /= np.linalg.norm(ways, axis=1, keepdims=True)
     return Coated(
         places=np.concatenate([lattice, lattice[under] + _COAT * ways]),

@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 
-from scaffold_geometry.files import stl
-from scaffold_geometry.files.stl import from_stl, to_stl
+from scaffold_geometry.files import binary_stl
+from scaffold_geometry.files.binary_stl import from_stl, to_stl
 from scaffold_geometry.surfaces import merge_corners as merge_corners_module
 from scaffold_geometry.surfaces.merge_corners import merge_corners
 from scaffold_pipeline.errors import StageError
@@ -43,7 +43,7 @@ def test_bytes_are_the_same_each_time_and_for_either_zero():
 
 def test_a_large_mesh_is_the_same_written_in_parts(monkeypatch: pytest.MonkeyPatch):
     whole = to_stl(TETRAHEDRON, OUTWARD, "x")
-    monkeypatch.setattr(stl, "_AT_ONCE", 3)
+    monkeypatch.setattr(binary_stl, "_AT_ONCE", 3)
 
     assert to_stl(TETRAHEDRON, OUTWARD, "x") == whole
 

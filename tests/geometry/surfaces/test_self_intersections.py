@@ -8,9 +8,10 @@ from itertools import permutations, product
 import numpy as np
 import pytest
 import trimesh
-from igl.copyleft import cgal
 
-from scaffold_geometry.surfaces.triangle_intersections import _side, _turn, degenerate_faces, self_intersecting_faces
+from scaffold_geometry.surfaces.exact_predicates import orient_2d, orient_3d
+from scaffold_geometry.surfaces.self_intersections import degenerate_faces, self_intersecting_faces
+from shapes import self_intersections_by_cgal
 
 BALL = trimesh.creation.icosphere(4)
 VERTICES, FACES = np.asarray(BALL.vertices), np.asarray(BALL.faces)
@@ -24,11 +25,6 @@ def gyroid(count: int) -> tuple[np.ndarray, np.ndarray]:
     field = np.sin(x) * np.cos(y) + np.sin(y) * np.cos(z) + np.sin(z) * np.cos(x)
     vertices, faces, _, _ = marching_cubes(np.pad(field, 1, constant_values=-1.0), 0.05, method="lorensen")
     return vertices.astype(np.float64), faces.astype(np.int64)
-
-
-def by_cgal(vertices: np.ndarray, faces: np.ndarray) -> list[int]:
-    pairs = cgal.remesh_self_intersections(vertices, faces, detect_only=True)[2]
-    return np.unique(pairs).tolist()
 
 
 def found(vertices: np.ndarray, faces: np.ndarray) -> list[int]:
@@ -62,7 +58,7 @@ def test_a_vertex_pushed_through_the_far_side_is_found_as_cgal_finds_it():
     vertices = VERTICES.copy()
     vertices[200] *= -1.01
 
-    assert found(vertices, FACES) == by_cgal(vertices, FACES) != []
+    assert found(vertices, FACES) == self_intersections_by_cgal(vertices, FACES) != []
 
 
 @pytest.mark.parametrize(
@@ -109,7 +105,7 @@ def test_random_triangles_are_judged_as_by_cgal(seed: int, span: int):
     faces = np.unique(corners[(np.diff(corners, axis=1) > 0).all(axis=1)], axis=0)[:: 1 if span > 10 else 3]
     faces = faces[~degenerate_faces(vertices, faces)]
 
-    assert found(vertices, faces) == by_cgal(vertices, faces)
+    assert found(vertices, faces) == self_intersections_by_cgal(vertices, faces)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -124,8 +120,39 @@ def test_signs_are_exact_where_rounding_would_decide(seed: int):
         flat = (points[:3, :2] - points[3, :2]).tolist()
         area = Fraction(flat[0][0]) * Fraction(flat[1][1]) - Fraction(flat[0][1]) * Fraction(flat[1][0])
 
-        assert _side(points, 0, 1, 2, 3) == (exact > 0) - (exact < 0)
-        assert _turn(points, 0, 1, 3, 2) == (area > 0) - (area < 0)
+        assert orient_3d(points, 0, 1, 2, 3) == (exact > 0) - (exact < 0)
+        assert orient_2d(points, 0, 1, 3, 2) == (area > 0) - (area < 0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_signs_are_exact_of_coordinates_of_any_size(seed: int):
+    rng = np.random.default_rng(seed)
+    for _ in range(200):
+        points = rng.uniform(-1.0, 1.0, (4, 3)) * 2.0 ** rng.integers(-190, 1, (4, 3)) * rng.integers(0, 2, (4, 3))
+        points[3] = points[:3].sum(axis=0) / 4.0  # in their plane with the origin, but for rounding
+        exact = exact_volume(points)
+        flat = [[Fraction(value) for value in row] for row in points[:, :2].tolist()]
+        p, q = ([x - y for x, y in zip(row, flat[2], strict=True)] for row in flat[:2])
+        area = p[0] * q[1] - p[1] * q[0]
+
+        assert orient_3d(points, 0, 1, 2, 3) == (exact > 0) - (exact < 0)
+        assert orient_2d(points, 0, 1, 2, 2) == (area > 0) - (area < 0)
+
+
+def test_a_gap_far_finer_than_the_greatest_coordinate_is_no_touch():
+    vertices = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0], [1, 1, -1], [2, 1, -1], [1, 1, -1e-30]])
+    faces = np.array([[0, 1, 2], [3, 4, 5]])
+
+    assert found(vertices, faces) == self_intersections_by_cgal(vertices, faces) == []
+    vertices[5, 2] = 1e-30
+    assert found(vertices, faces) == self_intersections_by_cgal(vertices, faces) == [0, 1]
+
+
+def test_a_face_that_is_there_twice_lies_upon_itself():
+    twice = np.concatenate([FACES, FACES[:1]])
+
+    assert found(VERTICES, twice) == [0, len(FACES)]
+    assert self_intersections_by_cgal(VERTICES, twice) == []  # which is why it is not asked
 
 
 def test_faces_without_area_are_told_apart():
