@@ -9,8 +9,8 @@ import numpy as np
 from pydantic import Field
 
 from scaffold_geometry.arrays import Floats, Ints
-from scaffold_geometry.files import surfaces
-from scaffold_geometry.files.inputs import warn_of_odd_size
+from scaffold_geometry.files.inputs import require_near_origin, warn_of_odd_size
+from scaffold_geometry.files.surfaces import reading
 from scaffold_geometry.surfaces import self_intersections, triangles
 from scaffold_geometry.surfaces.repair import displacement, mend, modes
 from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TURNED, TWICE, RepairLog, RepairOp
@@ -22,7 +22,7 @@ from scaffold_pipeline.stages.contract import InputFile, Millimetres, Params, st
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from scaffold_geometry.files.surfaces import SurfaceFile
+    from scaffold_geometry.files.surfaces.reading import SurfaceFile
     from scaffold_geometry.surfaces.edges import Surface
 
 _BY_HAND = "mend it, for instance in MeshLab or Blender, and load it again"
@@ -52,10 +52,14 @@ class LoadSurfaceParams(Params):
     """Parameters of `load_surface`."""
 
     path: InputFile
-    """The surface: STL, OBJ, PLY, OFF, 3MF, GLB, VTP or legacy VTK."""
+    """The surface: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, VTP or legacy VTK."""
 
     units: Literal["mm", "cm", "m", "inch"] | None = None
     """What a length of 1 in the file means; required unless the file says it (3MF; GLB is in metres)."""
+
+    up: Literal["y", "z"] | None = None
+    """Which axis of the file points up; y is turned to z. Left out, y for GLB and glTF, as they define it,
+    and z for all else."""
 
     component: Literal["largest", "all"] = Field(default="largest")
     """Which of the surface's separate pieces to keep; `all` keeps cavities, too."""
@@ -70,7 +74,7 @@ class LoadSurfaceParams(Params):
     out, 1 % of the diagonal."""
 
 
-@stage(writes="outer", version=3, libraries=("libigl", "manifold3d", "scipy", "trimesh", "vtk"))
+@stage(writes="outer", version=4, libraries=("lib3mf", "libigl", "manifold3d", "scipy", "vtk"))
 def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     """Read a surface in mm, repair it, turn it outward, and refuse what does not bound a solid.
 
@@ -79,10 +83,11 @@ def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     `tolerance`, and of a surface that still is open, non-manifold, one-sided, flat or passes through itself.
     """
     name = params.path.name
-    content = surfaces.read_surface(params.path)
+    content = reading.read_surface(params.path)
     scale, unit_note = _scale_to_mm(content, params.units, name)
     log = RepairLog([*content.notes, unit_note], measures={"mode": params.repair})
-    read = content.vertices * scale, content.faces
+    read = _turn_up(content.vertices * scale, content, params, log), content.faces
+    require_near_origin(read[0], name)
     if params.repair == "none":
         vertices, faces = whole = _clean(*read, log)
     else:
@@ -100,13 +105,14 @@ def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
     faces = _outward(vertices, faces, pieces, params, log)
     warn_of_odd_size(vertices, name)
     facts = {f"repair_{name}": fact for name, fact in log.facts.items()}
+    facts |= {"space": content.space} if content.space else {}
     return OuterShape(vertices=vertices, faces=faces, notes=tuple(log.notes), facts=facts)
 
 
 def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[float, str]:
     """Return the mm of one file unit, and a note of where the unit is from."""
-    known = surfaces.MILLIMETRES
-    size = surfaces.size_in_words(content.vertices, content.faces)
+    known = reading.MILLIMETRES
+    size = reading.size_in_words(content.vertices, content.faces)
     if units is None and content.unit not in known:
         raise StageError(
             f"{name}: the file does not say its unit; set `units` to mm, cm, m or inch "
@@ -116,6 +122,14 @@ def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[fl
         warn(f"{name}: the file says its unit is {content.unit}, `units` says {units}: taken as {units}")
     unit = units or content.unit or ""
     return known[unit], f"unit {unit} ({'given' if units else 'from the file'}), size {size} {unit}"
+
+
+def _turn_up(vertices: Floats, content: SurfaceFile, params: LoadSurfaceParams, log: RepairLog) -> Floats:
+    """Return vertices whose z axis points up."""
+    if (params.up or content.up) == "z":
+        return vertices
+    log.notes.append(f"turned so that y, which points up in the file{'' if params.up else ' by its format'}, is z")
+    return reading.turn_up(vertices)
 
 
 def _clean(vertices: Floats, faces: Ints, log: RepairLog) -> tuple[Floats, Ints]:
@@ -318,7 +332,7 @@ def _require_volume(vertices: Floats, faces: Ints, pieces: Ints, params: LoadSur
     if flat:
         raise StageError(
             f"{params.path.name}: encloses no volume: {flat} of {len(volumes)} pieces are flat "
-            f"({surfaces.size_in_words(vertices, faces)} mm); load a surface that bounds a body"
+            f"({reading.size_in_words(vertices, faces)} mm); load a surface that bounds a body"
         )
 
 
