@@ -111,11 +111,11 @@ def _closes_something(faces: Ints, is_asked: Bools) -> Bools:
 
 def _weld_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
     """Join vertices of open edges that lie within `reach`; the first of them stays."""
-    from scipy.spatial import cKDTree
-
     rim = open_vertices(edges_of(faces))
     if len(rim) < MANIFOLD:
         return faces
+    from scipy.spatial import cKDTree
+
     pairs = cKDTree(vertices[rim]).query_pairs(reach, output_type="ndarray")
     if not len(pairs):
         return faces
