@@ -13,8 +13,10 @@ from scaffold_geometry.files.surfaces.polygons import Polygons, first_three
 from scaffold_geometry.files.text import AGAIN, read_text, rows_to_numbers
 from scaffold_pipeline.errors import StageError
 
-_HEADER = re.compile(rb"((?:ST)?C?N?)(4?n?)OFF(\d*)", re.IGNORECASE)
+_HEADER = re.compile(rb"(?:ST)?C?N?OFF(\d*)", re.IGNORECASE)
 """Some programs write the first count against the word: `OFF490 518 0`."""
+_OTHER_SPACE = re.compile(rb"(?:ST)?C?N?(?:4n?|n)OFF")
+"""A 4 stands for four coordinates, a small n for a number of them that follows."""
 
 
 class _Row(NamedTuple):
@@ -53,12 +55,12 @@ def _counts(rows: Iterator[_Row], name: str) -> list[bytes]:
     header = _HEADER.fullmatch(first[0])
     if header and b"BINARY" in [word.upper() for word in first]:
         raise StageError(f"{name}: is not an ASCII OFF file, but a binary one; export it as text, or as PLY or STL")
-    if header and header[2]:
+    if _OTHER_SPACE.fullmatch(first[0]):
         raise StageError(
             f"{name}: its vertices are of another space than three ({first[0].decode()}); export it in x, y, z"
         )
     if header:
-        return [word for word in (header[3], *first[1:]) if word] or next(rows, _Row(1, [])).words
+        return [word for word in (header[1], *first[1:]) if word] or next(rows, _Row(1, [])).words
     if len(first) in (2, 3) and all(word.isdigit() for word in first):  # the word may be left out
         return first
     raise StageError(f"{name}: is not an ASCII OFF file (no `OFF` in its first line); {AGAIN}")
