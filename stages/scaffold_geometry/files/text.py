@@ -26,6 +26,11 @@ _MARKS = {
 _DECIMAL_COMMA = re.compile(rb"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 
+def has_byte_order_mark(content: bytes) -> bool:
+    """Return whether `content` begins with a byte order mark."""
+    return content.startswith(tuple(_MARKS))
+
+
 def drop_byte_order_mark(content: bytes, name: str) -> bytes:
     """Return `content` without a byte order mark; UTF-16 and UTF-32 become UTF-8."""
     mark = next((mark for mark in _MARKS if content.startswith(mark)), b"")

@@ -3,20 +3,44 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from scaffold_geometry.arrays import Bools, Ints
+from scaffold_geometry.files.text import drop_byte_order_mark, has_byte_order_mark, unify_line_ends
 
 READING_SECONDS = 120.0
 """VTK reads a million cells in a few seconds: what takes longer never ends."""
 
+_HEAD = 256
+"""Bytes of a file's head: in any of VTK's there is a line end among them, and in a binary one soon a zero."""
 _GHOSTS, _OLD_GHOSTS = "vtkGhostType", "vtkGhostLevels"
 _NOT_THERE = 1 | 8 | 16 | 32
 """Bits of a cell's `vtkGhostType`: a copy of another process's cell, refined into others, outside, hidden."""
 _HIDDEN_POINT = 2
 """The bit of a point's `vtkGhostType` that hides the cells at it."""
+
+
+def without_mark(path: str) -> str:
+    """Return `path`, or where a byte order mark or old line ends keep VTK from reading it, a copy without.
+
+    The copy lies in the working folder, a temporary one of the child process.
+    """
+    with Path(path).open("rb") as stream:
+        start = stream.read(_HEAD)
+    if not has_byte_order_mark(start) and not _has_old_ends(start):
+        return path
+    content = drop_byte_order_mark(Path(path).read_bytes(), Path(path).name)
+    copy = Path("without_mark").with_suffix(Path(path).suffix.lower())
+    copy.write_bytes(unify_line_ends(content) if _has_old_ends(content[:_HEAD]) else content)
+    return str(copy)
+
+
+def _has_old_ends(start: bytes) -> bool:
+    """Return whether a file that begins so is text whose lines end by CR alone."""
+    return b"\0" not in start and b"\r" in start and b"\n" not in start
 
 
 def first_complaint(complaint: str | bytes) -> str:

@@ -33,6 +33,11 @@ class Accessors:
             values = np.maximum(values / np.iinfo(raw.dtype).max, -1.0)
         return values
 
+    def is_coded(self, number: int) -> bool:
+        """Return whether accessor `number` holds whole numbers that are no lengths by themselves."""
+        accessor = self._accessors[number]
+        return bool(np.dtype(_COMPONENTS[accessor["componentType"]]).kind in "iu" and not accessor.get("normalized"))
+
     def indices(self, number: int) -> Ints:
         """Return the whole numbers of accessor `number`, (count,)."""
         raw = self._rows(number)

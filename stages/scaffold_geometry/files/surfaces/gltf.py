@@ -85,6 +85,7 @@ class _Scene:
         buffers = [_buffer(of, binary if k == 0 else b"", name) for k, of in enumerate(gltf.get("buffers", []))]
         self._accessors = Accessors(gltf, buffers, name)
         self._meshes: dict[int, tuple[Floats, Ints]] = {}
+        self._coded: set[int] = set()
 
     def polygons(self) -> Polygons:
         """Return the triangles of all nodes of the scene, in metres."""
@@ -120,7 +121,8 @@ class _Scene:
             if "skin" in node:
                 raise StageError(f"{self._name}: a mesh is moved by a skin (bones), which is not read; {_AS_TRIANGLES}")
             vertices, faces = self._mesh(node["mesh"])
-            placed += [Placed(vertices, faces, matrix @ instance) for instance in self._instances(node)]
+            is_coded = node["mesh"] in self._coded
+            placed += [Placed(vertices, faces, matrix @ instance, is_coded) for instance in self._instances(node)]
         for child in node.get("children", []):
             self._walk(child, matrix, depth + 1, placed)
 
@@ -143,7 +145,14 @@ class _Scene:
     def _mesh(self, number: int) -> tuple[Floats, Ints]:
         """Return the vertices and triangles of all parts of a mesh."""
         if number not in self._meshes:
-            parts = [self._primitive(part) for part in _item(self._gltf["meshes"], number)["primitives"]]
+            primitives = _item(self._gltf["meshes"], number)["primitives"]
+            parts = [self._primitive(part) for part in primitives]
+            if any(
+                self._accessors.is_coded(part["attributes"]["POSITION"])
+                for part in primitives
+                if "POSITION" in part.get("attributes", {})
+            ):
+                self._coded.add(number)
             starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
             self._meshes[number] = (
                 np.concatenate([np.empty((0, 3)), *(vertices for vertices, _ in parts)]),

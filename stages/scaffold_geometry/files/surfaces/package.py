@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import lzma
 import shutil
+import struct
 import zipfile
+import zlib
 from pathlib import Path
 from typing import NamedTuple
 from xml.parsers import expat
@@ -39,6 +42,11 @@ _USUAL_TYPES = (
     '<Default Extension="rels" ContentType="application/vnd.openxmlformats-package.relationships+xml"/>'
     '<Default Extension="model" ContentType="application/vnd.ms-package.3dmanufacturing-3dmodel+xml"/></Types>'
 )
+_DAMAGE = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, NotImplementedError, RuntimeError, EOFError),
+    *(OSError, ValueError, KeyError, OverflowError),
+)
+"""What Python's reader of ZIP archives raises on damaged ones."""
 _CHUNK = 1 << 16
 _LARGEST_SETTINGS = 1 << 26
 """Bytes of a slicer's settings, a thousand times what they are: an archive can unfold to any size."""
@@ -59,7 +67,7 @@ def require_readable(path: Path) -> None:
                     _require_known(_elements(package, member, first_only=True)[0], path.name)
                 elif member.lower().startswith("metadata/") and member.lower().endswith(".config"):
                     _require_whole_volumes(package, member, path.name)
-    except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError, ValueError) as error:
+    except _DAMAGE as error:
         said = " ".join(str(error).split())[:100]
         raise StageError(f"{path.name}: cannot be read as 3MF, which is a ZIP archive ({said}); {AGAIN}") from error
     except (expat.ExpatError, IndexError) as error:

@@ -49,7 +49,9 @@ class SurfaceFile(NamedTuple):
 
 def read_surface(path: Path) -> SurfaceFile:
     """Read the surface file `path`; a `StageError` names what is wrong with it, a warning what is odd."""
-    polygons = reader_of(path, READERS, "surface")(path)
+    reader = reader_of(path, READERS, "surface")
+    with np.errstate(all="ignore"):  # what is no number is refused below
+        polygons = reader(path)
     _require_faces(polygons, path)
     for doubt in polygons.doubts:
         warn(f"{path.name}: {doubt}")

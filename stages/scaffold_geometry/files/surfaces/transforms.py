@@ -15,11 +15,15 @@ _WORTH_A_WORD = 1000.0 * (1.0 + 1e-6)
 
 
 class Placed(NamedTuple):
-    """A mesh, `vertices` (n, 3) and `faces` (m, 3), and the matrix (4, 4) that puts x, y, z, 1 in its place."""
+    """A mesh, `vertices` (n, 3) and `faces` (m, 3), and the matrix (4, 4) that puts x, y, z, 1 in its place.
+
+    `is_coded` says that the vertices are whole numbers, which the matrix takes to lengths.
+    """
 
     vertices: Floats
     faces: Ints
     matrix: Floats
+    is_coded: bool = False
 
 
 def join_placed(meshes: list[Placed], thing: str, name: str) -> tuple[Floats, Ints, tuple[str, ...]]:
@@ -35,7 +39,8 @@ def join_placed(meshes: list[Placed], thing: str, name: str) -> tuple[Floats, In
         if not np.isfinite(mesh.matrix).all() or np.linalg.matrix_rank(linear) < 3 or not _is_affine(mesh.matrix):
             raise StageError(f"{name}: a {thing} is placed by a matrix that flattens it or is none; {AGAIN}")
         sizes = np.linalg.svd(linear, compute_uv=False)
-        greatest = max(greatest, sizes[0], sizes[-1], key=lambda factor: abs(np.log(factor)))
+        factors = (greatest,) if mesh.is_coded else (greatest, sizes[0], sizes[-1])
+        greatest = max(factors, key=lambda factor: abs(np.log(factor)))
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused with the vertices
             vertices.append(mesh.vertices @ linear.T + shift)
         turned = mesh.faces[:, ::-1] if np.linalg.det(linear) < 0.0 else mesh.faces

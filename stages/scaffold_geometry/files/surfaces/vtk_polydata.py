@@ -17,6 +17,7 @@ from scaffold_geometry.files.vtk_reading import (
     first_complaint,
     ghost_types,
     space_of,
+    without_mark,
 )
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
@@ -42,7 +43,7 @@ def vtk_polygons(*, path: str) -> dict[str, NDArray[Any]]:
     window = vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(window)
     reader = vtkXMLPolyDataReader() if path.lower().endswith(".vtp") else vtkPolyDataReader()
-    reader.SetFileName(path)
+    reader.SetFileName(without_mark(path))
     reader.Update()
     complaint = window.GetOutput()
     if "error" in str(complaint).lower():

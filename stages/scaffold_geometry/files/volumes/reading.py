@@ -37,7 +37,9 @@ class VolumeFile(NamedTuple):
 
 def read_volume(path: Path) -> VolumeFile:
     """Read the volume file `path`; a `StageError` names what is wrong with it."""
-    points, blocks, left_out, space = reader_of(path, _READERS, "volume mesh")(path)
+    reader = reader_of(path, _READERS, "volume mesh")
+    with np.errstate(all="ignore"):  # places that are no numbers are refused by who uses them
+        points, blocks, left_out, space = reader(path)
     _require_known(blocks, path.name)
     cells = _cells(blocks, len(points), path.name)
     counts = ", ".join(f"{len(corners)} {CELL_TYPES[kind].plural}" for kind, corners in cells.items())

@@ -16,6 +16,7 @@ from scaffold_geometry.files.vtk_reading import (
     first_complaint,
     ghost_types,
     space_of,
+    without_mark,
 )
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
@@ -90,7 +91,7 @@ def vtk_grid(*, path: str) -> dict[str, NDArray[Any]]:
     window = vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(window)
     reader = vtkXMLUnstructuredGridReader() if path.lower().endswith(".vtu") else vtkDataSetReader()
-    reader.SetFileName(path)
+    reader.SetFileName(without_mark(path))
     reader.Update()
     complaint = str(window.GetOutput())
     if "error" in complaint.lower():  # VTK complains and hands over what it has got: a part of the cells

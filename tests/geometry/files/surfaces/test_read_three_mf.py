@@ -110,7 +110,8 @@ def test_only_what_the_build_names_is_read_and_where_it_puts_it(path: Path):
 def test_components_lie_in_each_other_with_their_transforms(path: Path):
     turn = "0 1 0 -1 0 0 0 0 1 5 0 0"  # a quarter turn about z, and 5 along x
     inner = f'<components><component objectid="1" transform="{turn}"/></components>'
-    outer = '<components><component objectid="2" transform="1 0 0 0 1 0 0 0 1 0 0 7"/><component objectid="1"/></components>'
+    raised = '<component objectid="2" transform="1 0 0 0 1 0 0 0 1 0 0 7"/>'
+    outer = f'<components>{raised}<component objectid="1"/></components>'
     resources = thing(1, mesh(2)) + thing(2, inner) + thing(3, outer)
     found = read_surface(written(path, model(resources, item(3, "1 0 0 0 1 0 0 0 1 100 0 0"))))
     assert volume(found) == pytest.approx(16)
@@ -185,7 +186,7 @@ def test_a_required_extension_that_is_not_read_is_refused_by_name(path: Path, na
 def test_beams_are_refused_also_where_the_extension_is_optional(path: Path):
     beams = '<b:beamlattice minlength="0.01" radius="1"><b:beams><b:beam v1="0" v2="7"/></b:beams></b:beamlattice>'
     attributes = f'unit="millimeter" xmlns:b="{NAMESPACES["beam lattice"]}"'
-    with pytest.raises(StageError, match="object 1 has beams .the beam lattice extension., which are not read"):
+    with pytest.raises(StageError, match=r"object 1 has beams .the beam lattice extension., which are not read"):
         read_surface(written(path, model(thing(1, mesh(2, beams)), item(1), attributes)))
 
 
@@ -203,7 +204,7 @@ SETTINGS = {
 @pytest.mark.parametrize("member", ["Metadata/Slic3r_PE_model.config", "Metadata/model_settings.config"])
 def test_volumes_that_a_slicer_marks_are_refused_by_their_mark(path: Path, member: str, name: str):
     settings = {member: f'<config><object id="1">{SETTINGS[name]}</object></config>'}
-    with pytest.raises(StageError, match=f"a volume of it is marked {name} by the slicer .{member}."):
+    with pytest.raises(StageError, match=rf"a volume of it is marked {name} by the slicer .{member}."):
         read_surface(written(path, model(thing(1, mesh(2)), item(1)), **settings))
 
 
