@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
-from scaffold_geometry.files import surfaces
+from scaffold_geometry.files.inputs import require_near_origin
+from scaffold_geometry.files.surfaces import reading
 from scaffold_geometry.surfaces import self_intersections, triangles
 from scaffold_pipeline.artifacts import Fact, Metric, Metrics
 from scaffold_pipeline.errors import StageError
@@ -52,7 +53,7 @@ class InspectSurfaceParams(Params):
     """Parameters of `inspect_surface`."""
 
     path: InputFile
-    """The surface: STL, OBJ, PLY, OFF, 3MF, GLB, VTP or legacy VTK."""
+    """The surface: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, VTP or legacy VTK."""
 
     units: Literal["mm", "cm", "m", "inch"] | None = None
     """What a length of 1 in the file means; left out, what the file says, or else mm."""
@@ -65,12 +66,14 @@ def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
     Vertices at exactly the same place count as one. What is not defined is None: the volume of a surface
     that is open or not consistently wound, its genus, self-intersections where the search did not end.
     """
-    content = surfaces.read_surface(params.path)
+    content = reading.read_surface(params.path)
     unit = params.units or content.unit
-    scale = surfaces.MILLIMETRES.get(unit or "mm")
+    scale = reading.MILLIMETRES.get(unit or "mm")
     if scale is None:
         raise StageError(f"{params.path.name}: the unit {unit!r} is not known; set `units` to mm, cm, m or inch")
-    vertices, faces = triangles.merge_coincident(content.vertices * scale, content.faces)
+    read = content.vertices * scale
+    require_near_origin(read, params.path.name)
+    vertices, faces = triangles.merge_coincident(reading.turn_up(read) if content.up == "y" else read, content.faces)
     vertices, faces = triangles.drop_unreferenced(vertices, faces)
     values = {
         "file": params.path.name,

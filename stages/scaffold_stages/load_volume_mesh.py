@@ -8,8 +8,8 @@ import numpy as np
 from pydantic import Field
 
 from scaffold_geometry.arrays import Bools, Floats
-from scaffold_geometry.files.inputs import warn_of_odd_size
-from scaffold_geometry.files.surfaces import MILLIMETRES
+from scaffold_geometry.files.inputs import require_near_origin, warn_of_odd_size
+from scaffold_geometry.files.surfaces.reading import MILLIMETRES
 from scaffold_geometry.files.volumes.reading import VolumeFile, read_volume
 from scaffold_geometry.volumes import boundary, cells
 from scaffold_geometry.volumes.cells import Cells, Faces
@@ -19,8 +19,6 @@ from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import InputFile, Params, Unit, stage
 
 _REPAIR = "mend the mesh where it was made, or load its surface and use tetrahedralise"
-_FARTHEST = 1e9
-"""mm: a thousand kilometres; what is farther is damage."""
 _WORTH_A_WARNING = 0.1
 """A dropped piece of this share of the volume kept is hardly debris."""
 _SAME_PLACE = 1e-6
@@ -48,7 +46,7 @@ class LoadVolumeMeshParams(Params):
     """Distance up to which vertices become one, to close cracks between cells; left out, cracks are only told of."""
 
 
-@stage(writes="mesh", version=1)
+@stage(writes="mesh", version=2)
 def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
     """Read tetrahedra, hexahedra, wedges and pyramids in mm, turn inverted cells, and refuse what is no sound mesh.
 
@@ -80,6 +78,7 @@ def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
         "cells_folded": folded,
         "notes": "; ".join(notes),
     }
+    facts |= {"space": content.space} if content.space else {}
     return VolumeMesh(vertices, facts=facts, **by_name)
 
 
@@ -111,9 +110,7 @@ def _require_sound_places(vertices: Floats, name: str) -> None:
     bad = int((~np.isfinite(vertices)).any(axis=1).sum())
     if bad:
         raise StageError(f"{name}: {bad} of {len(vertices)} vertices are NaN or infinite; {_REPAIR}")
-    farthest = float(np.abs(vertices).max())
-    if farthest > _FARTHEST:
-        raise StageError(f"{name}: a vertex lies {farthest:.3g} mm from the origin; check `units`, or {_REPAIR}")
+    require_near_origin(vertices, name)
 
 
 def _merge(vertices: Floats, given: Cells, distance: float | None, notes: list[str]) -> tuple[Floats, Cells]:

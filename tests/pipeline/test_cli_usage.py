@@ -81,6 +81,21 @@ def test_inspect_measures_a_file(project: Project):
     assert answer.json["volume_mm3"] == pytest.approx(1000.0 / 6.0)
 
 
+def test_inspect_ends_with_1_and_a_line_where_a_run_would_refuse(project: Project):
+    Path("open.off").write_text("OFF\n4 1 0\n0 0 0\n9 0 0\n0 9 0\n0 0 9\n3 0 2 1\n")
+    answer = project.command("inspect", "open.off", "--units", "mm", "--json")
+    assert (answer.code, answer.json["loads"], answer.json["boundary_edges"]) == (1, False, 3)
+    assert answer.err.startswith("load_surface: open.off: ")
+    assert len(answer.err.splitlines()) == 1
+
+
+def test_inspect_tells_of_an_odd_size_with_the_number(project: Project):
+    Path("tiny.off").write_text("OFF\n4 4 0\n0 0 0\n.1 0 0\n0 .1 0\n0 0 .1\n3 0 2 1\n3 0 1 3\n3 1 2 3\n3 2 0 3\n")
+    answer = project.command("inspect", "tiny.off", "--json")
+    assert (answer.code, answer.err) == (0, "")
+    assert "its longest side is 0.1 mm, not between 1 and 2000 mm" in answer.json["warnings"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "rule"),
     [

@@ -152,6 +152,41 @@ def test_a_glb_is_in_metres_and_its_split_vertices_are_merged(tmp_path: Path):
     assert (len(outer.vertices), outer.volume) == (8, pytest.approx(64_000.0, rel=1e-5))
 
 
+@pytest.mark.parametrize(("up", "moved"), [(None, True), ("y", True), ("z", False)])
+def test_a_glb_is_turned_to_z_up_unless_it_is_said_to_be_so(tmp_path: Path, up: str | None, moved: bool):  # noqa: FBT001
+    import trimesh
+
+    trimesh.Trimesh(CORNERS / 100 * [1.0, 2.0, 3.0], FACES, process=False).export(tmp_path / "cube.glb")
+    outer = loaded(tmp_path / "cube.glb", units=None, up=up)
+    low, high = outer.bounds
+    wanted = ([0, -120, 0], [40, 0, 80]) if moved else ([0, 0, 0], [40, 80, 120])
+    np.testing.assert_allclose([low, high], wanted, atol=1e-4)
+    assert any("turned so that y" in note for note in outer.notes) == moved
+
+
+def test_any_file_may_be_said_to_have_y_up(tmp_path: Path):
+    path = written(tmp_path / "cube.off", as_off(CORNERS * [1.0, 2.0, 3.0], FACES))
+    np.testing.assert_allclose(loaded(path, up="y").bounds, [[0, -12, 0], [4, 0, 8]])
+    np.testing.assert_allclose(loaded(path).bounds, [[0, 0, 0], [4, 8, 12]])
+
+
+@pytest.mark.parametrize("name", ["far.stl", "far.off", "far.obj", "far.ply"])
+def test_coordinates_that_no_body_has_are_refused_with_the_number(tmp_path: Path, name: str):
+    far = np.where(CORNERS > 3, 3e38, CORNERS)
+    content = {"stl": as_binary_stl, "off": as_off, "obj": as_obj, "ply": as_ply}[name[-3:]](far, FACES)
+    with pytest.raises(StageError, match=r"a vertex lies 3e\+38 mm from the origin; check `units`"):
+        loaded(written(tmp_path / name, content))
+
+
+@pytest.mark.parametrize("space", ["RAS", "LPS"])
+def test_anatomical_axes_that_a_header_names_are_facts_of_the_shape(tmp_path: Path, space: str):
+    content = f"3D Slicer output. SPACE={space}".encode().ljust(80) + as_binary_stl(CORNERS, FACES)[80:]
+    outer = loaded(written(tmp_path / "cube.stl", content))
+    assert outer.summary()["space"] == space
+    assert any(f"its coordinates are {space} by its own word, taken as they are" in note for note in outer.notes)
+    assert "space" not in loaded(written(tmp_path / "cube.off", as_off(CORNERS, FACES))).summary()
+
+
 def test_the_unit_given_wins_over_the_files_with_a_warning(tmp_path: Path):
     write_3mf(tmp_path / "cube.3mf", CORNERS, FACES, "inch")
     with pytest.warns(PipelineWarning, match="the file says its unit is inch, `units` says mm: taken as mm"):

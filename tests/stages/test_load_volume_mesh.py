@@ -537,3 +537,23 @@ def test_the_example_mesh_is_the_cylinder_that_it_is_said_to_be():
     assert mesh.volume == pytest.approx(16.0 * octagon, rel=1e-5)
     assert (mesh.facts["wedges"], mesh.facts["hexahedra"]) == (32, 32)
     assert "read 32 wedges, 32 hexahedra over 85 points" in mesh.facts["notes"]
+
+
+@pytest.mark.parametrize("name", ["ascii2.msh", "ascii41.msh", "ascii.mesh", "ascii.inp"])
+@pytest.mark.parametrize(("encoding", "line_end"), [("utf-8-sig", "\n"), ("utf-16", "\r\n"), ("utf-8", "\r")])
+def test_text_may_have_any_line_ends_and_byte_order_mark(tmp_path: Path, name: str, encoding: str, line_end: str):
+    options, is_abaqus = FORMATS.get(name, {}), name.endswith("inp")
+    given = (BRICK_POINTS, BRICKS) if is_abaqus else (POINTS, CELLS)
+    text = with_meshio(tmp_path / name, *given, **options).read_text(encoding="utf-8")
+    path = tmp_path / f"marked{Path(name).suffix}"
+    path.write_bytes(text.replace("\n", line_end).encode(encoding))
+    assert volumes_of(loaded(path)) == pytest.approx(volumes_of(loaded(tmp_path / name)))
+
+
+def test_a_decimal_comma_is_named_as_the_cause(tmp_path: Path):
+    text = with_meshio(tmp_path / "a.msh", **FORMATS["ascii2.msh"]).read_text(encoding="utf-8")
+    refused(written(tmp_path / "a.msh", text.replace(".", ",").replace("2,2 0 8", "2.2 0 8")), "it has a decimal comma")
+    text = with_meshio(tmp_path / "a.mesh", **FORMATS["ascii.mesh"]).read_text(encoding="utf-8")
+    refused(
+        written(tmp_path / "a.mesh", text.replace(".", ",")), "Vertices: a number is expected.*decimal comma: export"
+    )

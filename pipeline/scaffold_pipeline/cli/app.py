@@ -191,19 +191,25 @@ def new(folder: Path, *, example: str = "femoral_head") -> int:
 
 @app.command
 def inspect(file: Path, *, units: str | None = None, as_json: Json = False) -> int:
-    """Measure a surface or solid file: size, volume, manifoldness, pieces.
+    """Measure a surface or solid file: size, volume, manifoldness, pieces, and whether a run would load it.
+
+    The exit code is 1 where `load_surface` with its default settings would refuse the file.
 
     Parameters
     ----------
     file
-        STL, OBJ, PLY, OFF, 3MF, GLB, VTP or legacy VTK.
+        STL, OBJ, PLY, OFF, 3MF, GLB, glTF, VTP or legacy VTK.
     units
         mm, cm, m or inch; by default the unit stored in the file, or mm.
     """
     from scaffold_pipeline.stages.inspection import inspect_file
 
-    facts = inspect_file(file, units)
-    return answer(facts, "\n".join(f"{key}: {value}" for key, value in facts.items()), as_json=as_json)
+    facts, refusal = inspect_file(file, units)
+    code = answer(facts, "\n".join(f"{key}: {value}" for key, value in facts.items()), as_json=as_json)
+    if refusal:
+        print(refusal, file=sys.stderr)
+        return FAILED
+    return code
 
 
 @app.command

@@ -16,6 +16,9 @@ Content = TypeVar("Content")
 _SMALLEST, _LARGEST = 1.0, 2000.0
 """mm: between a bone of the ear and a whole body; what is outside has most likely the wrong unit."""
 
+_FARTHEST = 1e9
+"""mm: a thousand kilometres; what is farther is damage."""
+
 
 def reader_of(path: Path, readers: Mapping[str, Callable[[Path], Content]], thing: str) -> Callable[[Path], Content]:
     """Return the reader for a file's suffix; a `StageError` where there is none, or the file is empty."""
@@ -38,4 +41,14 @@ def warn_of_odd_size(vertices: NDArray[np.float64], name: str) -> None:
         warn(
             f"{name}: its longest side is {longest:.4g} mm, not between {_SMALLEST:g} and {_LARGEST:g} mm: "
             "is `units` right?"
+        )
+
+
+def require_near_origin(vertices: NDArray[np.float64], name: str) -> None:
+    """Refuse `vertices` (n, 3), mm, that no body on Earth has; they are damage, or of another unit."""
+    farthest = float(np.abs(vertices).max(initial=0.0))
+    if not farthest <= _FARTHEST:
+        raise StageError(
+            f"{name}: a vertex lies {farthest:.3g} mm from the origin; check `units`, or export it again: no body "
+            f"reaches beyond {_FARTHEST:g} mm"
         )

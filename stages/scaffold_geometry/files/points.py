@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from scaffold_geometry.arrays import Floats
+from scaffold_geometry.files.text import read_text
 from scaffold_pipeline.errors import StageError
 
 
 def read_points(path: Path) -> Floats:
     """Read points (n, 3), mm, from comma-separated text with three columns, under a line of names or not."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path).decode("utf-8", "replace").splitlines()
         is_named = not any(_is_number(cell) for cell in lines[0].split(",")) if lines else True
         points = np.array([[float(cell) for cell in line.split(",")] for line in lines[is_named:] if line.strip()])
     except ValueError as error:

@@ -10,6 +10,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.surfaces.keys import sort_keys, unique_keys
 
 Surface: TypeAlias = tuple[Floats, Ints]
 
@@ -35,14 +36,14 @@ def edges_of(faces: Ints) -> Edges:
     tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     count = int(faces.max(initial=0)) + 1
     key = np.minimum(tails, heads) * count + np.maximum(tails, heads)
-    key, of, uses = np.unique(key, return_inverse=True, return_counts=True)
-    net = np.bincount(of.ravel(), weights=np.where(tails < heads, 1.0, -1.0), minlength=len(key))
-    return Edges(np.column_stack(np.divmod(key, count)), of.ravel(), uses, net.astype(np.int64))
+    key, of, uses = unique_keys(key)
+    net = np.bincount(of, weights=np.where(tails < heads, 1.0, -1.0), minlength=len(key))
+    return Edges(np.column_stack(np.divmod(key, count)), of, uses, net.astype(np.int64))
 
 
 def patches_of(faces: Ints, edges: Edges) -> Ints:
     """Return the patch of each face, (m,), from 0: what hangs together over edges of exactly two faces."""
-    order = np.argsort(edges.of, kind="stable")
+    order, _ = sort_keys(edges.of)
     starts = np.cumsum(edges.uses) - edges.uses
     pairs = starts[edges.uses == MANIFOLD]
     return components(order[pairs] // 3, order[pairs + 1] // 3, len(faces))

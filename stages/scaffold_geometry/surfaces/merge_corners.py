@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_geometry.arrays import Singles
+from scaffold_geometry.surfaces.keys import equal_rows, mix_bits
 from scaffold_pipeline.errors import StageError
 
 
@@ -18,10 +19,10 @@ def merge_corners(corners: NDArray[np.floating]) -> tuple[NDArray[np.float64], N
     points = to_single(corners.reshape(-1, 3))
     if not len(points):
         return np.empty((0, 3)), np.empty((0, 3), np.int64)
-    first, vertex_of_corner = _equal_rows(_keys(points))
+    first, vertex_of_corner = equal_rows(_keys(points))
     if not np.array_equal(points[first][vertex_of_corner], points):  # two points share a key: once in 10^6 files
         _, exact = np.unique(points, axis=0, return_inverse=True)
-        first, vertex_of_corner = _equal_rows(exact.reshape(-1))
+        first, vertex_of_corner = equal_rows(exact.reshape(-1))
     return points[first].astype(np.float64), vertex_of_corner.reshape(-1, 3)
 
 
@@ -38,25 +39,4 @@ def to_single(coordinates: NDArray[np.floating]) -> Singles:
 def _keys(points: Singles) -> NDArray[np.uint64]:
     """Return a 64-bit key for each row, equal where the rows are: their bits, mixed."""
     x, y, z = np.ascontiguousarray(points).view(np.uint32).astype(np.uint64).T
-    return _mix_bits(_mix_bits(x | (y << np.uint64(32))) ^ z)
-
-
-def _mix_bits(keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return splitmix64's finaliser of the keys: different keys stay different (Steele et al., 2014)."""
-    keys = (keys ^ (keys >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    keys = (keys ^ (keys >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return keys ^ (keys >> np.uint64(31))
-
-
-def _equal_rows(keys: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first place of each distinct key, ascending, and for each place the number of its key."""
-    order = np.argsort(keys)
-    ordered = keys[order]
-    is_new = np.concatenate([[True], ordered[1:] != ordered[:-1]])
-    first = np.minimum.reduceat(order, np.flatnonzero(is_new))
-    by_first_use = np.argsort(first)
-    number = np.empty_like(by_first_use)
-    number[by_first_use] = np.arange(len(first))
-    number_of_key = np.empty_like(order)
-    number_of_key[order] = number[np.cumsum(is_new) - 1]
-    return first[by_first_use], number_of_key
+    return mix_bits(mix_bits(x | (y << np.uint64(32))) ^ z)

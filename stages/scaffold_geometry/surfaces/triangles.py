@@ -12,6 +12,7 @@ import numpy as np
 
 from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces.edges import components
+from scaffold_geometry.surfaces.keys import equal_rows, hash_rows, sort_keys, unique_keys
 
 FLAT = 1e-12
 """A triangle lower than this share of the greatest coordinate has no area that float64 can tell from none."""
@@ -37,15 +38,11 @@ def merge_coincident(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
     if not len(vertices):
         return vertices, faces
     places = vertices + 0.0  # -0.0 and 0.0 are one place
-    order = np.lexsort(places.T)
-    is_new = np.ones(len(order), dtype=bool)
-    is_new[1:] = (places[order[1:]] != places[order[:-1]]).any(axis=1)
-    # The sort is stable, so the first of each run is the earliest vertex at that place.
-    first = order[is_new]
-    keep = np.sort(first)
-    place = np.empty(len(order), dtype=np.int64)
-    place[order] = np.searchsorted(keep, first)[np.cumsum(is_new) - 1]
-    return places[keep], place[faces]
+    first, place = equal_rows(hash_rows(places))
+    if not np.array_equal(places[first][place], places):  # two places share a key: once in 10^6 files
+        _, exact = np.unique(places, axis=0, return_inverse=True)
+        first, place = equal_rows(exact.reshape(-1))
+    return places[first], place[faces]
 
 
 def size_in_words(vertices: Floats, faces: Ints) -> str:
@@ -79,16 +76,18 @@ def flat_faces(vertices: Floats, faces: Ints) -> Bools:
 def duplicate_faces(faces: Ints) -> Bools:
     """Return which faces have the same corners as an earlier one, however wound, (m,)."""
     corners = np.sort(faces, axis=1)
-    order = np.lexsort(corners.T)
-    repeated = np.zeros(len(faces), dtype=bool)
-    repeated[order[1:]] = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+    first, group = equal_rows(hash_rows(corners)) if len(faces) else (faces[:0, 0], faces[:0, 0])
+    if not np.array_equal(corners[first][group], corners):  # two triples share a key: once in 10^6 files
+        first, group = equal_rows(np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1))
+    repeated = np.ones(len(faces), dtype=bool)
+    repeated[first] = False
     return repeated
 
 
 def edge_faults(faces: Ints) -> EdgeFaults:
     """Count the edges that keep a surface from being closed, manifold and consistently wound."""
     key = _edge_keys(faces)
-    _, edge, uses = np.unique(key, return_inverse=True, return_counts=True)
+    _, edge, uses = unique_keys(key)
     forward = np.bincount(edge, weights=_tails(faces) < _heads(faces), minlength=len(uses))
     pairs = uses == 2  # an edge of a closed surface has two faces
     return EdgeFaults(
@@ -119,13 +118,15 @@ def corner_fans(faces: Ints) -> Ints:
 
 def touching_vertices(faces: Ints) -> int:
     """Count the vertices at which a surface touches itself: those of more than one fan."""
-    fans = np.unique(np.column_stack([corner_fans(faces).ravel(), faces.ravel()]), axis=0)
-    return int((np.bincount(fans[:, 1]) > 1).sum())
+    fans = corner_fans(faces).ravel()
+    vertex = np.empty(int(fans.max(initial=-1)) + 1, dtype=np.int64)
+    vertex[fans] = faces.ravel()  # all corners of a fan are at one vertex
+    return int((np.bincount(vertex) > 1).sum())
 
 
 def euler_characteristic(faces: Ints) -> int:
     """Return vertices - edges + faces, of the vertices that the faces use."""
-    return len(np.unique(faces)) - len(np.unique(_edge_keys(faces))) + len(faces)
+    return len(np.unique(faces)) - len(unique_keys(_edge_keys(faces))[0]) + len(faces)
 
 
 def consistent_winding(faces: Ints) -> Winding:
@@ -137,6 +138,8 @@ def consistent_winding(faces: Ints) -> Winding:
     count = len(faces)
     one, other = _neighbours(faces, only_pairs=True)
     clash = (_tails(faces)[one] == _tails(faces)[other]).astype(np.int64)
+    if not clash.any():
+        return Winding(turn=np.zeros(count, dtype=bool), orientable=True)
     a, b = one // 3, other // 3
     side = components(
         np.concatenate([a, a + count]), np.concatenate([b + clash * count, b + (1 - clash) * count]), 2 * count
@@ -203,8 +206,8 @@ def _edge_keys(faces: Ints) -> Ints:
 def _neighbours(faces: Ints, *, only_pairs: bool = False) -> tuple[Ints, Ints]:
     """Return pairs of half-edges on one edge; an edge of k faces gives k - 1, or none if `only_pairs` and k > 2."""
     key = _edge_keys(faces)
-    order = np.argsort(key, kind="stable")
-    meets = key[order[1:]] == key[order[:-1]]
+    order, ordered = sort_keys(key)
+    meets = ordered[1:] == ordered[:-1]
     if only_pairs:
         run = np.concatenate([[False], meets, [False]])
         meets = meets & ~run[:-2] & ~run[2:]

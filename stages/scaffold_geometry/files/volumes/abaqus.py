@@ -15,13 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.files.text import AGAIN, numbers_in, read_text
 from scaffold_geometry.files.volumes.blocks import (
-    AGAIN,
     Block,
     Blocks,
     ElementType,
     element_type,
-    numbers_in,
     places_of,
     to_indices,
 )
@@ -100,7 +99,7 @@ def read_abaqus(path: Path) -> Blocks:
 def _keywords(path: Path) -> Iterator[_Keyword]:
     keyword: _Keyword | None = None
     number = 0
-    for number, line in enumerate(path.read_bytes().splitlines(), 1):
+    for number, line in enumerate(read_text(path).split(b"\n"), 1):
         text = line.strip()
         if not text or text.startswith(b"**"):
             continue

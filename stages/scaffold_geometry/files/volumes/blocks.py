@@ -5,17 +5,15 @@ In all formats read here the corners of an element, whatever its order, are its 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.files.text import AGAIN
 from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.errors import StageError
-
-AGAIN = "the file is damaged, export or download it again"
 
 CORNERS = {name: kind.corners for name, kind in CELL_TYPES.items() if not kind.is_planar}
 """The kinds of cells of a volume mesh, and their numbers of corners."""
@@ -42,10 +40,15 @@ class Block(NamedTuple):
 
 
 class Blocks(NamedTuple):
-    """The content of a file: `points` (n, 3) in the file's unit, and its blocks of elements."""
+    """The content of a file: `points` (n, 3) in the file's unit, its blocks of elements, notes on what was left out.
+
+    `space` is the anatomical axes that the file names (`RAS`, `LPS`).
+    """
 
     points: Floats
     blocks: list[Block]
+    notes: tuple[str, ...] = ()
+    space: str | None = None
 
 
 def complete_types(kind: str, numbers: dict[int, int]) -> dict[int, ElementType]:
@@ -67,16 +70,6 @@ def element_type(shape: str, nodes: int) -> ElementType:
     flat = {"point": 0, "line": 1, "triangle": 2, "quadrangle": 2}
     name = f"{shape} of {nodes} nodes" if nodes else shape
     return ElementType(name, flat.get(shape, 3), shape if shape in CORNERS else None, nodes)
-
-
-def numbers_in(text: bytes, place: str) -> Floats:
-    """Return the numbers in `text`, separated by white space; raises `StageError` with `place` for anything else."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy stops at the first word that is no number, with a warning
-            return np.fromstring(text, np.float64, sep=" ")
-    except (DeprecationWarning, ValueError) as error:
-        raise StageError(f"{place}: must contain numbers only, got other text; {AGAIN}") from error
 
 
 def to_indices(numbers: Floats, place: str) -> Ints:

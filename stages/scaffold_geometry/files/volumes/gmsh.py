@@ -12,14 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.files.text import AGAIN, drop_byte_order_mark, numbers_in, unify_line_ends
 from scaffold_geometry.files.volumes.blocks import (
-    AGAIN,
     Block,
     Blocks,
     ElementType,
     complete_types,
     element_type,
-    numbers_in,
     places_of,
     require_numbers,
     to_indices,
@@ -99,7 +98,8 @@ class _Numbers:
 
 def read_gmsh(path: Path) -> Blocks:
     """Read the MSH file `path`."""
-    sections = _sections(path.read_bytes(), path.name)
+    content = drop_byte_order_mark(path.read_bytes(), path.name)
+    sections = _sections(content if b"\n" in content else unify_line_ends(content), path.name)
     header = _header(sections, path.name)
     node_name, element_name = ("NOD", "ELM") if header.version < 2 else ("Nodes", "Elements")
     for needed in (node_name, element_name):

@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from scaffold_geometry.arrays import Floats
+from scaffold_geometry.files.text import AGAIN, numbers_in, read_text
 from scaffold_geometry.files.volumes.blocks import (
-    AGAIN,
     Block,
     Blocks,
     element_type,
-    numbers_in,
     require_numbers,
     to_indices,
 )
@@ -38,7 +37,7 @@ _TYPES = {
 
 def read_medit(path: Path) -> Blocks:
     """Read the vertices and elements of the MEDIT file `path`; all other sections are ignored."""
-    text = re.sub(rb"#[^\n]*", b"", path.read_bytes())
+    text = re.sub(rb"#[^\n]*", b"", read_text(path))
     if not text.lstrip().startswith(b"MeshVersionFormatted"):
         raise StageError(f"{path.name}: is not a MEDIT text file (no `MeshVersionFormatted`); {AGAIN}")
     # Words begin with a letter, but numbers may be `nan` or `inf`.

@@ -14,8 +14,9 @@ import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
 from scaffold_geometry.files.inputs import reader_of
+from scaffold_geometry.files.text import AGAIN
 from scaffold_geometry.files.volumes.abaqus import read_abaqus
-from scaffold_geometry.files.volumes.blocks import AGAIN, CORNERS, Block, Blocks
+from scaffold_geometry.files.volumes.blocks import CORNERS, Block, Blocks
 from scaffold_geometry.files.volumes.gmsh import read_gmsh
 from scaffold_geometry.files.volumes.medit import read_medit
 from scaffold_geometry.files.volumes.vtk_grids import read_vtk_grid
@@ -31,16 +32,23 @@ class VolumeFile(NamedTuple):
     vertices: Floats
     cells: dict[str, Ints]
     notes: tuple[str, ...]
+    space: str | None = None
 
 
 def read_volume(path: Path) -> VolumeFile:
     """Read the volume file `path`; raises `StageError` if it is damaged or has other cells than the four kinds."""
-    points, blocks = reader_of(path, _READERS, "volume mesh")(path)
+    reader = reader_of(path, _READERS, "volume mesh")
+    with np.errstate(all="ignore"):  # places that are no numbers are refused by who uses them
+        points, blocks, left_out, space = reader(path)
     _require_known(blocks, path.name)
     cells = _cells(blocks, len(points), path.name)
     counts = ", ".join(f"{len(corners)} {CELL_TYPES[kind].plural}" for kind, corners in cells.items())
-    notes = [f"read {counts} over {len(points)} points from {path.suffix[1:].upper()}", *_list_ignored(blocks)]
-    return VolumeFile(points, cells, tuple(notes))
+    notes = [
+        f"read {counts} over {len(points)} points from {path.suffix[1:].upper()}",
+        *left_out,
+        *_list_ignored(blocks),
+    ]
+    return VolumeFile(points, cells, tuple(notes), space)
 
 
 def _require_known(blocks: list[Block], name: str) -> None:

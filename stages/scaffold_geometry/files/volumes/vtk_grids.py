@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scaffold_geometry.files.volumes.blocks import AGAIN, Block, Blocks, ElementType, element_type
+from scaffold_geometry.files.text import AGAIN, space_in
+from scaffold_geometry.files.volumes.blocks import Block, Blocks, ElementType, element_type
+from scaffold_geometry.files.vtk_reading import (
+    READING_SECONDS,
+    find_hidden_cells,
+    first_complaint,
+    ghost_types,
+    space_of,
+    without_mark,
+)
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
-
-READING_SECONDS = 120.0
-"""Time limit: VTK reads a million cells in a few seconds, but may never return on a damaged file."""
 
 _SHAPES = {
     "point": (1, 2),
@@ -54,12 +59,17 @@ def read_vtk_grid(path: Path) -> Blocks:
         or (len(offsets) and not offsets[0] == 0 <= offsets[-1] <= len(nodes))
     ):
         raise StageError(f"{path.name}: the numbers of cells, types and nodes do not match; {AGAIN}")
+    hidden = np.zeros(len(types), dtype=bool)
+    if grid["of_cells"].any() or grid["of_points"].any():
+        hidden = find_hidden_cells(nodes[: offsets[-1]], sizes, grid["of_cells"], grid["of_points"])
     blocks = [
-        _block(int(number), int(size), nodes, offsets[:-1][(types == number) & (sizes == size)])
-        for number, size in np.unique(np.column_stack([types, sizes]), axis=0)
+        _block(int(number), int(size), nodes, offsets[:-1][(types == number) & (sizes == size) & ~hidden])
+        for number, size in np.unique(np.column_stack([types, sizes])[~hidden], axis=0)
         if number != _EMPTY
     ]
-    return Blocks(grid["points"], blocks)
+    count = int(hidden.sum())
+    notes = (f"left out {count} cells that the file marks as hidden or as copies (vtkGhostType)",) if count else ()
+    return Blocks(grid["points"], blocks, notes, space_in(bytes(grid["space"])))
 
 
 def _block(number: int, size: int, nodes: NDArray[np.int64], starts: NDArray[np.int64]) -> Block:
@@ -81,26 +91,25 @@ def vtk_grid(*, path: str) -> dict[str, NDArray[Any]]:
     window = vtkStringOutputWindow()
     vtkOutputWindow.SetInstance(window)
     reader = vtkXMLUnstructuredGridReader() if path.lower().endswith(".vtu") else vtkDataSetReader()
-    reader.SetFileName(path)
+    reader.SetFileName(without_mark(path))
     reader.Update()
     complaint = str(window.GetOutput())
     if "error" in complaint.lower():  # VTK then returns the part of the cells that it could read
-        raise StageError(f"VTK reports: {_first_message(complaint)}")
+        raise StageError(f"VTK reports: {first_complaint(complaint)}")
     grid = reader.GetOutput()
     if grid is None or not grid.IsA("vtkUnstructuredGrid"):
         kind = grid.GetClassName() if grid is not None else "nothing"
         raise StageError(f"must contain an unstructured grid, got {kind}")
     if not grid.GetNumberOfCells() or not grid.GetNumberOfPoints():
-        return {"points": np.empty((0, 3)), **{name: np.empty(0, np.int64) for name in ("types", "offsets", "nodes")}}
+        names = ("types", "offsets", "nodes", "of_cells", "of_points", "space")
+        return {"points": np.empty((0, 3)), **{name: np.empty(0, np.int64) for name in names}}
+    of_cells, of_points = ghost_types(grid)
     return {
         "points": vtk_to_numpy(grid.GetPoints().GetData()).astype(np.float64),
         "types": np.array([grid.GetCellType(i) for i in range(grid.GetNumberOfCells())], np.int64),
         "offsets": vtk_to_numpy(grid.GetCells().GetOffsetsArray()).astype(np.int64),
         "nodes": vtk_to_numpy(grid.GetCells().GetConnectivityArray()).astype(np.int64),
+        "of_cells": of_cells,
+        "of_points": of_points,
+        "space": np.frombuffer(space_of(grid, reader), np.uint8),
     }
-
-
-def _first_message(complaint: str) -> str:
-    """Return VTK's first message without source line, object address and file name."""
-    first = re.split(r"\n\n", complaint.strip())[0].splitlines()[-1]
-    return re.sub(r"^\w+ \(0x\w+\): | for file: .*$", "", first)[:120]

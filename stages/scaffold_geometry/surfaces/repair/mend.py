@@ -111,11 +111,11 @@ def _closes_something(faces: Ints, is_asked: Bools) -> Bools:
 
 def _weld_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
     """Join vertices of open edges that lie within `reach`; the first of them stays."""
-    from scipy.spatial import cKDTree
-
     rim = open_vertices(edges_of(faces))
     if len(rim) < MANIFOLD:
         return faces
+    from scipy.spatial import cKDTree
+
     pairs = cKDTree(vertices[rim]).query_pairs(reach, output_type="ndarray")
     if not len(pairs):
         return faces
@@ -172,12 +172,12 @@ def _split_faces(faces: Ints, cuts: dict[int, list[int]], gone: Ints) -> Ints:
 
 def _stitch_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
     """Cut open edges at the open vertices that lie on them within `reach`: a coarser side meets a finer one."""
-    from scipy.spatial import cKDTree
-
     edges = edges_of(faces)
     rim = open_vertices(edges)
     if not 0 < len(rim) <= _MOST_OPEN:
         return faces
+    from scipy.spatial import cKDTree
+
     half_edges = np.flatnonzero(edges.uses[edges.of] == 1)
     tails, heads = faces.ravel()[half_edges], np.roll(faces, -1, axis=1).ravel()[half_edges]
     middles = (vertices[tails] + vertices[heads]) / 2.0

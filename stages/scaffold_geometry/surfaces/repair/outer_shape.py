@@ -129,7 +129,9 @@ def _require_near(read: Surface, whole: Surface, kept: Surface, rules: RepairRul
     allowed = _tolerance(rules, kept[0])
     moved = displacement.measure_displacement(read, whole, kept, allowed / _SAMPLES)
     name, farthest = rules.name, max(moved.lost, moved.gained, key=lambda side: side.distance)
-    (volume, area), (new_volume, new_area) = (_volume_and_area(*surface) for surface in (read, whole))
+    volume, area = _volume_and_area(*read)
+    is_same = np.array_equal(read[0], whole[0]) and np.array_equal(read[1], whole[1])
+    new_volume, new_area = (volume, area) if is_same else _volume_and_area(*whole)
     log.measures.update(
         distance_mm=farthest.distance,
         tolerance_mm=allowed,
@@ -182,6 +184,8 @@ def _orient(vertices: Floats, faces: Ints, log: RepairLog) -> tuple[Ints, Ints]:
     log.count(TURNED, int(winding.turn.sum()))
     faces = triangles.turn_faces(faces, winding.turn)
     pieces = triangles.face_pieces(faces)
+    if not pieces.any():
+        return faces, pieces
     volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
     rank = np.empty(len(volumes), dtype=np.int64)
     rank[np.argsort(-volumes, kind="stable")] = np.arange(len(volumes))
@@ -190,10 +194,11 @@ def _orient(vertices: Floats, faces: Ints, log: RepairLog) -> tuple[Ints, Ints]:
 
 def _chosen(vertices: Floats, faces: Ints, pieces: Ints, rules: RepairRules, log: RepairLog) -> tuple[Ints, Ints]:
     """Keep the largest piece, unless all are asked for."""
-    volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
-    if rules.component == "all" or len(volumes) == 1:
-        log.count(_ALL, len(volumes) if len(volumes) > 1 else 0)
+    count = int(pieces.max()) + 1
+    if rules.component == "all" or count == 1:
+        log.count(_ALL, count if count > 1 else 0)
         return faces, pieces
+    volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
     kept = pieces == 0
     log.measures["pieces_dropped"] = len(volumes) - 1
     log.notes.append(
@@ -215,7 +220,7 @@ def _require_closed(faces: Ints, rules: RepairRules, notes: list[str]) -> None:
         f"it is open ({faults.boundary} boundary edges)" if faults.boundary else "",
         f"{faults.non_manifold} edges have more than two faces" if faults.non_manifold else "",
     ]
-    if not any(said) and not triangles.consistent_winding(faces).orientable:
+    if not any(said) and faults.misoriented and not triangles.consistent_winding(faces).orientable:
         said = ["it has one side only, like a Moebius strip"]
     touching = 0 if any(said) else triangles.touching_vertices(faces)
     if touching:
