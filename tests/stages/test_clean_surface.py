@@ -13,8 +13,8 @@ import pytest
 from scaffold_geometry.surfaces import smoothing as module
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.meshlab import smooth_with_meshlab, weld_with_meshlab
+from scaffold_geometry.surfaces.self_intersections import self_intersecting_faces
 from scaffold_geometry.surfaces.smoothing import hold_smoothing
-from scaffold_geometry.surfaces.triangle_intersections import self_intersecting_faces
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 from scaffold_pipeline.artifacts import IsoSurface
 from scaffold_pipeline.errors import PipelineWarning, StageError

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scaffold_geometry.files.stl import to_stl
 
+from scaffold_geometry.files.binary_stl import to_stl
 from scaffold_geometry.files.surfaces.reading import read_surface
 from scaffold_pipeline.errors import PipelineWarning, StageError
 from shapes import ball
