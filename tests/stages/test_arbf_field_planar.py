@@ -168,9 +168,7 @@ def test_a_voxel_size_makes_one_layer_in_the_plane():
 
 @pytest.mark.parametrize(("z", "layers"), [(Z + 0.01, 1), (0.0, 1), (Z, 2), (Z - 0.5, 17)])
 def test_a_grid_off_the_plane_or_of_several_layers_is_an_error(z: float, layers: int):
-    with pytest.raises(
-        StageError, match=rf"in its plane at z = 4 mm, got {layers} from .* end origin with 4 and shape"
-    ):
+    with pytest.raises(StageError, match=rf"in its plane, z = 4 mm, got {layers} from .* end origin with 4 and shape"):
         field_of(SQUARE, grid={**GRID, "origin": (-1.0, -1.0, z), "shape": (33, 33, layers)})
 
 

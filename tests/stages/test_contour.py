@@ -139,7 +139,7 @@ def test_an_iso_beyond_the_field_is_an_error_that_tells_its_range(iso: float):
 
 
 def test_only_samples_within_the_outline_count():
-    with pytest.raises(StageError, match=r"from -1\.\d+ to 1; choose a value between"):
+    with pytest.raises(StageError, match=r"inside the outline, -1\.\d+ to 1; choose a value between"):
         contour_of(
             lambda x, y: np.where(np.hypot(x, y) < 3.99, 1.0 - np.hypot(x, y), 9.0), squares((4, 4), 1.0, 5.0), iso=5.0
         )

@@ -99,7 +99,10 @@ def test_the_number_of_cells_is_the_one_asked_for():
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"edge_length": 0.05}, r"^edge_length 0.05 mm .* must be from 0.212 to 7.07 mm for a shape 14.14 mm across"),
+        (
+            {"edge_length": 0.05},
+            r"^edge_length 0.05 mm .* must be from 0.212 to 7.07 mm for a shape with a diagonal of 14.14 mm",
+        ),
         ({"edge_length": 7.5}, r"^edge_length 7.5 mm .* must be from"),
         ({"cells": 10_000_000}, r"^edge_length 0.0\d+ mm \(given, or computed from cells\): must be from"),
         ({"edge_length": 2.0, "envelope": 1.0}, r"^envelope 1 mm: must be from 0.00283 to 0.707 mm"),

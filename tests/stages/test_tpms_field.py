@@ -193,7 +193,10 @@ def test_a_grid_beyond_the_memory_is_refused(monkeypatch: pytest.MonkeyPatch):
         ({"surface": "schwarz_q"}, "surface\n.*'schwarz_p', 'schwarz_d', 'gyroid' or 'iwp'"),
         ({"kind": "solid"}, "kind\n.*'skeletal' or 'sheet'"),
         ({"cell_size": 0.0}, "cell_size\n.*greater than 0"),
-        ({"voxel_size": 0.4}, r"voxel_size: must be at most an eighth of cell_size \(0.375 mm\), .* got 0.4"),
+        (
+            {"voxel_size": 0.4},
+            r"voxel_size: must be at most an eighth of cell_size \(0.375 mm\) to resolve the surface, got 0.4",
+        ),
         (
             {"voxel_size": None, "grid": {"origin": (0, 0, 0), "spacing": 0.5, "shape": (9, 9, 9)}},
             "grid.spacing: must be at most an eighth of cell_size",
@@ -203,7 +206,7 @@ def test_a_grid_beyond_the_memory_is_refused(monkeypatch: pytest.MonkeyPatch):
         ({"grading": {"porosity": (0.5, 0.6), "axis": "w"}}, "axis\n.*'x', 'y' or 'z'"),
         (
             {"grading": {"porosity": (0.5, 0.6), "between": (4.0, 4.0)}},
-            "between: must be [low end, high end] in ascending",
+            r"between: must be \[low end, high end\] in ascending",
         ),
         ({"mesh": 1}, "mesh\n.*not permitted"),
     ],
