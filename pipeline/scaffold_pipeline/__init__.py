@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import sys
 from importlib import import_module
-from types import FunctionType, ModuleType
 
 TYPE_CHECKING = False  # type checkers take it for typing's own, whose import would take longer than all else here
 
@@ -74,8 +73,6 @@ _HOMES = {
 }
 """The modules of public names, loaded when a name is first used; the others are artifacts."""
 
-_FUNCTIONS_NAMED_AS_ROOMS = frozenset({"run", "study"})
-
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for
     if name not in __all__:
@@ -83,26 +80,9 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands fo
     if name == "stages":
         return import_module(f"{__name__}.stages")
     value = getattr(import_module(f"{__name__}.{_HOMES.get(name, 'artifacts')}"), name)
-    if name in _FUNCTIONS_NAMED_AS_ROOMS and isinstance(value, FunctionType):
-        value.__dict__ = import_module(f"{__name__}.{name}").__dict__
     setattr(sys.modules[__name__], name, value)
     return value
 
 
 def __dir__() -> list[str]:
     return sorted({*__all__, "__version__", "artifacts", "errors", "testing"})
-
-
-class _FrontDoor(ModuleType):
-    """The package itself, where `run` and `study` are its functions though folders of it have the same names.
-
-    Python sets a folder's module as an attribute of its package when it is imported, over a function of that name.
-    Here the function stays, and has the module's attributes: `scaffold_pipeline.run.runner` is still found.
-    """
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (name in _FUNCTIONS_NAMED_AS_ROOMS and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _FrontDoor

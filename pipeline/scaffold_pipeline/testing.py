@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.errors import StageDefinitionError
-from scaffold_pipeline.run.trial import run_faults
+from scaffold_pipeline.runs.trial import run_faults
 from scaffold_pipeline.stages.contract import Params, Stage, Unit
 from scaffold_pipeline.stages.registry import load_stage
 

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from scaffold_geometry.arrays import Floats
 from scaffold_pipeline.artifacts import Contour, Drawing, Fact, WrittenFiles
-from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.runs.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, Params, Title, Unit, stage
 
 Format = Literal["svg", "png"]

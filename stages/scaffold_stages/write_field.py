@@ -12,7 +12,7 @@ from pydantic import Field
 
 from scaffold_pipeline.artifacts import Fact, ScalarField, WrittenFiles
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.runs.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, InputFile, Params, stage
 
 Format = Literal["vti", "nrrd", "npy"]

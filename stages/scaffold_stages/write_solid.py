@@ -22,7 +22,7 @@ from scaffold_geometry.files.solids.writing import round_to_float32, write_verif
 from scaffold_geometry.surfaces.merge_corners import to_single
 from scaffold_pipeline.artifacts import Drawing, Fact, OuterShape, Solid, WrittenFiles
 from scaffold_pipeline.errors import StageError, warn
-from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.runs.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, Params, Title, stage
 
 COARSE_STEP = 1e-3

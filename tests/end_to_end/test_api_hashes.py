@@ -9,7 +9,7 @@ import pytest
 
 import scaffold_pipeline as sp
 from scaffold_pipeline.cli import app
-from scaffold_pipeline.run.store import hash_array, hash_file
+from scaffold_pipeline.runs.store import hash_array, hash_file
 
 CONFIG = {
     "name": "block",

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from scaffold_pipeline.study.file import Study, is_study, read_study
+from scaffold_pipeline.studies.file import Study, is_study, read_study
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 STUDIES = [path for path in sorted(CONFIGS.glob("*/*.yaml")) if is_study(path)]

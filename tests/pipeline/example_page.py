@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from scaffold_pipeline.artifacts import Declared, Drawing, Gate, Metric
-from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.runs.store import hash_file
 
 DECLARED = Declared(
     metrics=(

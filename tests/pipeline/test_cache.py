@@ -11,11 +11,11 @@ import pytest
 
 from pipeline.workplace import Project, harm, ran, wait_for
 from scaffold_pipeline.errors import ConfigError
-from scaffold_pipeline.run import cache as cache_module
-from scaffold_pipeline.run import store as store_module
-from scaffold_pipeline.run.cache import Cache, parse_size
-from scaffold_pipeline.run.runner import Progress, execute, unchanged_labels
-from scaffold_pipeline.run.store import Store, hash_input
+from scaffold_pipeline.runs import cache as cache_module
+from scaffold_pipeline.runs import store as store_module
+from scaffold_pipeline.runs.cache import Cache, parse_size
+from scaffold_pipeline.runs.runner import Progress, execute, unchanged_labels
+from scaffold_pipeline.runs.store import Store, hash_input
 
 CHAIN = """
     seed: 7

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.workplace import Project, wait_for
-from scaffold_pipeline.run import runner
+from scaffold_pipeline.runs import runner
 
 SOUND = """
     stages:

@@ -20,7 +20,7 @@ import pytest
 
 from pipeline.test_study import OUT, outputs, rows
 from pipeline.workplace import Project, wait_for
-from scaffold_pipeline.study.cluster import call_in_process
+from scaffold_pipeline.studies.cluster import call_in_process
 
 needs_dask = pytest.mark.skipif(find_spec("distributed") is None, reason="dask.distributed is not installed: [dask]")
 

@@ -12,7 +12,7 @@ import pytest
 from pipeline.test_study import BASE, NAMES, OUT, STUDY
 from pipeline.test_verification import CONFIG
 from pipeline.workplace import Project, harm
-from scaffold_pipeline.run.runner import STORE
+from scaffold_pipeline.runs.runner import STORE
 
 pytestmark = pytest.mark.skipif(find_spec("rocrate") is None, reason="rocrate is not installed: [provenance]")
 

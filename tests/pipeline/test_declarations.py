@@ -14,7 +14,7 @@ from scaffold_pipeline.artifacts import Declared, Drawing, Gate, Metric
 from scaffold_pipeline.errors import StageDefinitionError
 from scaffold_pipeline.report.declared import declared_of
 from scaffold_pipeline.report.publish import publish
-from scaffold_pipeline.run.runner import execute
+from scaffold_pipeline.runs.runner import execute
 from scaffold_pipeline.stages.registry import load_stage
 
 THIRD_PARTY = """

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from pipeline.workplace import Project
-from scaffold_pipeline.study.memory_forecast import USUAL, expected_peak, grids_of
+from scaffold_pipeline.studies.memory_forecast import USUAL, expected_peak, grids_of
 
 SHAPE = {"volume_mm3": 1000.0, "size_x": 10.0, "size_y": 20.0, "size_z": 30.0}
 CHAIN = """

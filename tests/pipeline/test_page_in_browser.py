@@ -16,7 +16,7 @@ from pipeline.example_page import write_run
 from pipeline.test_page import HOSTILE, METRICS, RECORD, STAGE
 from pipeline.test_study_page import STATES, study
 from scaffold_pipeline.report.publish import publish_page
-from scaffold_pipeline.study.page import write_page
+from scaffold_pipeline.studies.page import write_page
 
 DRAWN = 8.0
 """Deviation of a picture's values above which something is drawn on it."""

@@ -17,7 +17,7 @@ from pipeline.conftest import PLUGIN
 from pipeline.workplace import Project
 from scaffold_pipeline.artifacts import OuterShape, Solid
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.run.runner import execute
+from scaffold_pipeline.runs.runner import execute
 from scaffold_pipeline.stages.registry import load_stage
 from scaffold_pipeline.testing import check_stage
 from shapes import ball, box, outer_of, tetrahedra

@@ -7,7 +7,7 @@ import pytest
 
 from scaffold_pipeline.artifacts import Contour, Polygons
 from scaffold_pipeline.errors import StageError
-from scaffold_pipeline.run.store import Store
+from scaffold_pipeline.runs.store import Store
 
 SQUARE = np.array([(0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)])
 HOLE = (SQUARE / 4.0 + 1.0)[::-1]

@@ -15,8 +15,8 @@ from scaffold_pipeline.config.yaml_source import parse
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.report import publish as publishing
 from scaffold_pipeline.report.publish import publish, run_metrics
-from scaffold_pipeline.run.runner import execute, locked
-from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.runs.runner import execute, locked
+from scaffold_pipeline.runs.store import hash_file
 
 CHAIN = """
     name: points

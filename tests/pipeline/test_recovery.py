@@ -9,9 +9,9 @@ import pytest
 
 from pipeline.workplace import Project, harm, ran, wait_for
 from scaffold_pipeline.errors import PipelineError, StageError
-from scaffold_pipeline.run import records, store
-from scaffold_pipeline.run.records import StepRecord
-from scaffold_pipeline.run.runner import Progress, RunResult, locked
+from scaffold_pipeline.runs import records, store
+from scaffold_pipeline.runs.records import StepRecord
+from scaffold_pipeline.runs.runner import Progress, RunResult, locked
 
 CHAIN = """
     seed: 7

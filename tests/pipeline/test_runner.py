@@ -11,10 +11,10 @@ from pipeline.workplace import Project, harm, ran
 from scaffold_pipeline.artifacts import Metrics
 from scaffold_pipeline.config.plan import Plan
 from scaffold_pipeline.errors import MemoryShortageError, PipelineError, StageDefinitionError, StageError
-from scaffold_pipeline.run import records, runner
-from scaffold_pipeline.run.measurements import merge_metrics
-from scaffold_pipeline.run.records import StepRecord
-from scaffold_pipeline.run.runner import Progress, RunResult, execute, unchanged_labels
+from scaffold_pipeline.runs import records, runner
+from scaffold_pipeline.runs.measurements import merge_metrics
+from scaffold_pipeline.runs.records import StepRecord
+from scaffold_pipeline.runs.runner import Progress, RunResult, execute, unchanged_labels
 
 CHAIN = """
     seed: 7

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from scaffold_pipeline.study.schedule import Outcome, Schedule, Task
+from scaffold_pipeline.studies.schedule import Outcome, Schedule, Task
 
 GIB = 2**30
 

@@ -17,7 +17,7 @@ from scaffold_pipeline.artifacts import (
     ScalarField,
     VolumeMesh,
 )
-from scaffold_pipeline.run.store import (
+from scaffold_pipeline.runs.store import (
     DamagedStoreError,
     Store,
     canonical_json,

@@ -13,9 +13,9 @@ import pytest
 
 from pipeline.workplace import Project, harm
 from scaffold_pipeline.processes.threads import core_count, thread_count, threads_of_children
-from scaffold_pipeline.run.store import hash_file
-from scaffold_pipeline.study import memory_forecast, study, workers
-from scaffold_pipeline.study.schedule import Schedule, Task
+from scaffold_pipeline.runs.store import hash_file
+from scaffold_pipeline.studies import memory_forecast, study, workers
+from scaffold_pipeline.studies.schedule import Schedule, Task
 
 BASE = """
     seed: 7

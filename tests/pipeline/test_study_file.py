@@ -6,8 +6,8 @@ import pytest
 
 from pipeline.workplace import Project
 from scaffold_pipeline.errors import ConfigError
-from scaffold_pipeline.study.file import Study, derived_seed, is_study, read_study
-from scaffold_pipeline.study.variations import _linspace, _range
+from scaffold_pipeline.studies.file import Study, derived_seed, is_study, read_study
+from scaffold_pipeline.studies.variations import _linspace, _range
 
 BASE = """
     seed: 7
@@ -348,7 +348,7 @@ def test_a_study_of_very_many_points_asks_first(project: Project, text: str, cou
 
 
 def test_a_large_study_that_is_meant_is_read(project: Project, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("scaffold_pipeline.study.file.MOST_POINTS", 3)
+    monkeypatch.setattr("scaffold_pipeline.studies.file.MOST_POINTS", 3)
     text = "base: base.yaml\nvary: {seed: [1, 2, 3, 4]}\n"
     assert len(faults_of(project, text)) == 1
     assert len(study(project, text, may_be_large=True).points) == 4

@@ -14,10 +14,10 @@ from PIL import Image
 from pipeline.test_page import HOSTILE, Tags
 from pipeline.workplace import Project
 from scaffold_pipeline.config.yaml_source import Document, parse
-from scaffold_pipeline.study import page
-from scaffold_pipeline.study.file import Point, Study
-from scaffold_pipeline.study.page import write_page
-from scaffold_pipeline.study.table import PointState
+from scaffold_pipeline.studies import page
+from scaffold_pipeline.studies.file import Point, Study
+from scaffold_pipeline.studies.page import write_page
+from scaffold_pipeline.studies.table import PointState
 
 CHROMIUM = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := which(name))), None)
 COLUMNS = ("field.interpolation", "mesh.counts")

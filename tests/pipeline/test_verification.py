@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.workplace import Project, harm
-from scaffold_pipeline.run.runner import STORE
+from scaffold_pipeline.runs.runner import STORE
 
 RUN = Path("runs/config")
 CONFIG = """

@@ -17,8 +17,8 @@ import pytest
 from scaffold_pipeline.cli import app
 from scaffold_pipeline.config.draft import read_draft
 from scaffold_pipeline.config.plan import Plan, make_plan
-from scaffold_pipeline.run.cache import Cache
-from scaffold_pipeline.run.runner import Progress, RunResult, execute
+from scaffold_pipeline.runs.cache import Cache
+from scaffold_pipeline.runs.runner import Progress, RunResult, execute
 
 
 @dataclass(frozen=True)

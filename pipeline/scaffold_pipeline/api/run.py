@@ -22,9 +22,9 @@ from scaffold_pipeline.processes.threads import computing
 from scaffold_pipeline.report.publish import publish, run_metrics
 from scaffold_pipeline.report.sources import METRICS, PAGE, read_record
 from scaffold_pipeline.report.wording import failed_gates
-from scaffold_pipeline.run.cache import choose_cache
-from scaffold_pipeline.run.runner import STORE, RunResult, execute, locked
-from scaffold_pipeline.run.store import Store
+from scaffold_pipeline.runs.cache import choose_cache
+from scaffold_pipeline.runs.runner import STORE, RunResult, execute, locked
+from scaffold_pipeline.runs.store import Store
 from scaffold_pipeline.stages.faults import format_value, to_plain
 
 Config = str | Path | Mapping[str, Any]

@@ -17,13 +17,13 @@ from scaffold_pipeline.cli.console import watch_study
 from scaffold_pipeline.config.draft import settings_from
 from scaffold_pipeline.errors import ConfigError, Fault, StageError, did_you_mean
 from scaffold_pipeline.processes.threads import computing
-from scaffold_pipeline.run.cache import choose_cache
+from scaffold_pipeline.runs.cache import choose_cache
 from scaffold_pipeline.stages.faults import format_value
-from scaffold_pipeline.study.file import Study, read_study
-from scaffold_pipeline.study.page import PAGE
-from scaffold_pipeline.study.study import POINTS, run_study
-from scaffold_pipeline.study.table import PointState, to_table
-from scaffold_pipeline.study.workers import in_process, local_pool
+from scaffold_pipeline.studies.file import Study, read_study
+from scaffold_pipeline.studies.page import PAGE
+from scaffold_pipeline.studies.study import POINTS, run_study
+from scaffold_pipeline.studies.table import PointState, to_table
+from scaffold_pipeline.studies.workers import in_process, local_pool
 
 _SHOWN = ("quality", "porosity", "volume_mm3")
 """Metrics of a point that a glance at the study tells; `table` has all."""

@@ -85,8 +85,8 @@ def run(  # noqa: PLR0913 - one argument an option
     """
     from scaffold_pipeline.cli.console import watch
     from scaffold_pipeline.report.publish import publish, run_metrics
-    from scaffold_pipeline.run import runner
-    from scaffold_pipeline.study.cluster import cluster_executor
+    from scaffold_pipeline.runs import runner
+    from scaffold_pipeline.studies.cluster import cluster_executor
 
     plan = _plan(config, settings)
     folder = out or Path("runs", plan.name)
@@ -125,7 +125,7 @@ def validate(config: Path, *, settings: Settings = [], as_json: Json = False) ->
     config
         The YAML file to check.
     """
-    from scaffold_pipeline.study.file import is_study, read_study
+    from scaffold_pipeline.studies.file import is_study, read_study
 
     if is_study(config):
         names = [point.name for point in read_study(config, settings).points]

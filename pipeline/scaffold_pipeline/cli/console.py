@@ -10,10 +10,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from scaffold_pipeline.config.plan import Step
-from scaffold_pipeline.run import runner
-from scaffold_pipeline.run.records import StepRecord
-from scaffold_pipeline.study.study import Watcher
-from scaffold_pipeline.study.table import PointState
+from scaffold_pipeline.runs import runner
+from scaffold_pipeline.runs.records import StepRecord
+from scaffold_pipeline.studies.study import Watcher
+from scaffold_pipeline.studies.table import PointState
 
 _GIB = 2**30
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 if TYPE_CHECKING:
-    from scaffold_pipeline.run.cache import Cache
+    from scaffold_pipeline.runs.cache import Cache
 
 INTERRUPTED = 130
 GATE_FAILED = 3
@@ -38,6 +38,6 @@ def answer(value: object, text: str, *, as_json: bool) -> int:
 
 def select_cache(folder: Path | None) -> Cache | None:
     """Return the cache in `folder`, or the one named in the environment, with the environment's size limit, or None."""
-    from scaffold_pipeline.run.cache import choose_cache
+    from scaffold_pipeline.runs.cache import choose_cache
 
     return choose_cache(folder)

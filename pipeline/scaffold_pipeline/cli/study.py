@@ -24,9 +24,9 @@ from scaffold_pipeline.cli.options import (
 from scaffold_pipeline.errors import ConfigError, Fault
 
 if TYPE_CHECKING:
-    from scaffold_pipeline.run.cache import Cache
-    from scaffold_pipeline.study.study import PointPlan
-    from scaffold_pipeline.study.table import PointState
+    from scaffold_pipeline.runs.cache import Cache
+    from scaffold_pipeline.studies.study import PointPlan
+    from scaffold_pipeline.studies.table import PointState
 
 CacheName = Annotated[Path | None, Parameter(help="The cache's folder; SCAFFOLD_PIPELINE_CACHE by default.")]
 
@@ -68,10 +68,10 @@ def study(  # noqa: PLR0913 - one argument an option
         Do not ask for confirmation above 2,000 points.
     """
     from scaffold_pipeline.cli.console import watch_study
-    from scaffold_pipeline.study.cluster import cluster_pool
-    from scaffold_pipeline.study.file import read_study
-    from scaffold_pipeline.study.study import plan_points, run_study
-    from scaffold_pipeline.study.workers import local_pool
+    from scaffold_pipeline.studies.cluster import cluster_pool
+    from scaffold_pipeline.studies.file import read_study
+    from scaffold_pipeline.studies.study import plan_points, run_study
+    from scaffold_pipeline.studies.workers import local_pool
 
     points = read_study(study_file, settings, may_be_large=yes)
     folder, shared = out or Path("studies", points.name), select_cache(cache_folder)
@@ -88,7 +88,7 @@ def study(  # noqa: PLR0913 - one argument an option
 
 
 def _print_plan(plans: list[PointPlan], *, as_json: bool) -> int:
-    from scaffold_pipeline.study.study import work_left
+    from scaffold_pipeline.studies.study import work_left
 
     points = [
         {
@@ -164,7 +164,7 @@ def cache_prune(folder: CacheName = None, *, keep: str | None = None, as_json: J
         Size to keep, such as 5 GB; by default SCAFFOLD_PIPELINE_CACHE_LIMIT or 20 GB. 0 B deletes everything.
     """
     from scaffold_pipeline.report.wording import to_size
-    from scaffold_pipeline.run.cache import parse_size
+    from scaffold_pipeline.runs.cache import parse_size
 
     used = _cache_named(folder)
     freed = used.prune(None if keep is None else parse_size(keep, "--keep"))

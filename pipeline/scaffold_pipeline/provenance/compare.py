@@ -11,8 +11,8 @@ from typing import Any
 from scaffold_pipeline.errors import ConfigError, Fault
 from scaffold_pipeline.report.sources import METRICS, RECORD
 from scaffold_pipeline.report.wording import NOTHING
-from scaffold_pipeline.run.runner import OWN_FILES
-from scaffold_pipeline.study.table import read_json, to_cell
+from scaffold_pipeline.runs.runner import OWN_FILES
+from scaffold_pipeline.studies.table import read_json, to_cell
 
 _HASH = re.compile("[0-9a-f]{64}")
 

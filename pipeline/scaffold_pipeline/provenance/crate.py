@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.provenance.verify import require_files
 from scaffold_pipeline.report.sources import RECORD, read_record
-from scaffold_pipeline.run.runner import STORE
-from scaffold_pipeline.run.store import Store, hash_file, write_atomically
+from scaffold_pipeline.runs.runner import STORE
+from scaffold_pipeline.runs.store import Store, hash_file, write_atomically
 from scaffold_pipeline.stages.registry import load_stage
-from scaffold_pipeline.study.table import STUDY_RECORD, TABLE, read_json
+from scaffold_pipeline.studies.table import STUDY_RECORD, TABLE, read_json
 
 if TYPE_CHECKING:
     from rocrate.model.entity import Entity

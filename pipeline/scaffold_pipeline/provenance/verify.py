@@ -16,9 +16,9 @@ from scaffold_pipeline.config.plan import Plan, Step, make_plan
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.report.publish import environment
 from scaffold_pipeline.report.sources import RECORD, read_record
-from scaffold_pipeline.run.records import StepRecord, input_files, step_key
-from scaffold_pipeline.run.runner import STORE, Progress, execute
-from scaffold_pipeline.run.store import DamagedStoreError, Store, hash_file
+from scaffold_pipeline.runs.records import StepRecord, input_files, step_key
+from scaffold_pipeline.runs.runner import STORE, Progress, execute
+from scaffold_pipeline.runs.store import DamagedStoreError, Store, hash_file
 
 
 @dataclass(frozen=True)

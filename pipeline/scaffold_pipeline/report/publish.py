@@ -30,9 +30,9 @@ from scaffold_pipeline.processes.threads import thread_count
 from scaffold_pipeline.report.declared import DECLARED, declared_by, in_order, used_by
 from scaffold_pipeline.report.page import render_page
 from scaffold_pipeline.report.sources import CONFIG, MEASURES, METRICS, PAGE, RECORD, read_record, read_sources
-from scaffold_pipeline.run.records import config_hash
-from scaffold_pipeline.run.runner import STORE, RunResult, locked
-from scaffold_pipeline.run.store import Store, hash_file
+from scaffold_pipeline.runs.records import config_hash
+from scaffold_pipeline.runs.runner import STORE, RunResult, locked
+from scaffold_pipeline.runs.store import Store, hash_file
 from scaffold_pipeline.stages.registry import stage_owners
 
 _STAGING = ".publish-"

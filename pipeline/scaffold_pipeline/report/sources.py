@@ -11,7 +11,7 @@ from typing import Any
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.report.declared import declared_of
-from scaffold_pipeline.run.store import hash_file
+from scaffold_pipeline.runs.store import hash_file
 
 RECORD = "run.json"
 METRICS = "metrics.json"

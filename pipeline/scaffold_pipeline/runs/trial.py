@@ -19,8 +19,8 @@ from pydantic import ValidationError
 
 from scaffold_pipeline.artifacts import Artifact
 from scaffold_pipeline.errors import PipelineError, PipelineWarning
-from scaffold_pipeline.run.runner import OWN_FILES
-from scaffold_pipeline.run.store import Store, hash_file, hash_json
+from scaffold_pipeline.runs.runner import OWN_FILES
+from scaffold_pipeline.runs.store import Store, hash_file, hash_json
 from scaffold_pipeline.stages.contract import Params, Stage
 
 _CONFIG_HASH = "0" * 64

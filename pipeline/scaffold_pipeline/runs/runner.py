@@ -31,10 +31,10 @@ from scaffold_pipeline.errors import (
     StageError,
 )
 from scaffold_pipeline.processes.memory import PeakMemory
-from scaffold_pipeline.run.cache import Cache, CacheClient
-from scaffold_pipeline.run.measurements import merge_metrics
-from scaffold_pipeline.run.records import StepRecord, config_hash, input_files, step_key
-from scaffold_pipeline.run.store import OUT_PREFIX, DamagedStoreError, Store, first_result
+from scaffold_pipeline.runs.cache import Cache, CacheClient
+from scaffold_pipeline.runs.measurements import merge_metrics
+from scaffold_pipeline.runs.records import StepRecord, config_hash, input_files, step_key
+from scaffold_pipeline.runs.store import OUT_PREFIX, DamagedStoreError, Store, first_result
 
 STORE = ".store"
 """Folder of a run directory that holds the results of its stages."""

@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 
-from scaffold_pipeline.study.memory_forecast import USUAL
+from scaffold_pipeline.studies.memory_forecast import USUAL
 
 MOST_DEATHS = 2
 """A task whose worker dies is tried again once, alone: other tasks may have taken the memory. So is a task that ran out

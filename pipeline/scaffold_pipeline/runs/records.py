@@ -8,7 +8,7 @@ from typing import Any
 
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.config.plan import Plan, Step
-from scaffold_pipeline.run.store import hash_input, hash_json
+from scaffold_pipeline.runs.store import hash_input, hash_json
 from scaffold_pipeline.stages.contract import InputFileMark
 
 

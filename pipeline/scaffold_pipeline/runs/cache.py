@@ -20,7 +20,7 @@ from typing import TypeVar
 from filelock import FileLock
 
 from scaffold_pipeline.errors import ConfigError, Fault
-from scaffold_pipeline.run.store import DamagedStoreError, Store
+from scaffold_pipeline.runs.store import DamagedStoreError, Store
 
 FOLDER_VARIABLE = "SCAFFOLD_PIPELINE_CACHE"
 """Environment variable with the folder of the cache for every run and study."""

@@ -26,7 +26,7 @@ from scaffold_pipeline.errors import PipelineError
 from scaffold_pipeline.processes.isolation import die_with_parent
 from scaffold_pipeline.processes.threads import THREAD_VARIABLES, thread_count, use_one_blas_thread
 from scaffold_pipeline.report.publish import library_versions
-from scaffold_pipeline.study.workers import WorkerPool
+from scaffold_pipeline.studies.workers import WorkerPool
 
 if TYPE_CHECKING:
     from distributed import Client

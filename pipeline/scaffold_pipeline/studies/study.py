@@ -25,16 +25,16 @@ from scaffold_pipeline.config.plan import make_plan
 from scaffold_pipeline.config.yaml_source import to_yaml
 from scaffold_pipeline.errors import MemoryShortageError, PipelineError, lines_and_code
 from scaffold_pipeline.report.publish import environment, publish
-from scaffold_pipeline.run.cache import Cache
-from scaffold_pipeline.run.records import config_hash, recipes
-from scaffold_pipeline.run.runner import STORE, execute, locked, unchanged_labels
-from scaffold_pipeline.run.store import Store, first_result, write_atomically
-from scaffold_pipeline.study.file import Point, Study
-from scaffold_pipeline.study.memory_forecast import Grids, expected_peak, grids_of
-from scaffold_pipeline.study.page import write_page
-from scaffold_pipeline.study.schedule import Outcome, Schedule, Task
-from scaffold_pipeline.study.table import FAILURE, PointState, read_state, write_json, write_results
-from scaffold_pipeline.study.workers import WorkerPool, interruptible, local_pool
+from scaffold_pipeline.runs.cache import Cache
+from scaffold_pipeline.runs.records import config_hash, recipes
+from scaffold_pipeline.runs.runner import STORE, execute, locked, unchanged_labels
+from scaffold_pipeline.runs.store import Store, first_result, write_atomically
+from scaffold_pipeline.studies.file import Point, Study
+from scaffold_pipeline.studies.memory_forecast import Grids, expected_peak, grids_of
+from scaffold_pipeline.studies.page import write_page
+from scaffold_pipeline.studies.schedule import Outcome, Schedule, Task
+from scaffold_pipeline.studies.table import FAILURE, PointState, read_state, write_json, write_results
+from scaffold_pipeline.studies.workers import WorkerPool, interruptible, local_pool
 
 POINTS = "points"
 OWN_CACHE = "cache"

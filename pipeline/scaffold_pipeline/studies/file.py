@@ -33,9 +33,9 @@ from scaffold_pipeline.config.draft import (
 from scaffold_pipeline.config.plan import Plan, make_plan
 from scaffold_pipeline.config.yaml_source import Document
 from scaffold_pipeline.errors import ConfigError, Fault, did_you_mean
-from scaffold_pipeline.run.store import hash_json
+from scaffold_pipeline.runs.store import hash_json
 from scaffold_pipeline.stages.faults import format_value
-from scaffold_pipeline.study.variations import MODES, Variations, read_variations, setting
+from scaffold_pipeline.studies.variations import MODES, Variations, read_variations, setting
 
 MOST_POINTS = 2000
 """A study of more points needs confirmation: the number may be a typing error."""

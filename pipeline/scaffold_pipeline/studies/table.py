@@ -13,7 +13,7 @@ from typing import Any
 
 from scaffold_pipeline.artifacts import Fact
 from scaffold_pipeline.report.sources import METRICS, RECORD
-from scaffold_pipeline.run.store import write_atomically
+from scaffold_pipeline.runs.store import write_atomically
 
 TABLE = "table.csv"
 STUDY_RECORD = "study.json"

@@ -14,9 +14,9 @@ from scaffold_pipeline.artifacts import Declared
 from scaffold_pipeline.report.declared import declared_here, stages_that_draw
 from scaffold_pipeline.report.rendering import render, to_data_uri
 from scaffold_pipeline.report.wording import failed_gates, to_name, to_text
-from scaffold_pipeline.run.store import write_atomically
-from scaffold_pipeline.study.file import Study
-from scaffold_pipeline.study.table import TABLE, PointState, to_cell, to_table
+from scaffold_pipeline.runs.store import write_atomically
+from scaffold_pipeline.studies.file import Study
+from scaffold_pipeline.studies.table import TABLE, PointState, to_cell, to_table
 
 if TYPE_CHECKING:
     from PIL.Image import Image
