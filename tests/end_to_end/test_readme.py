@@ -30,7 +30,7 @@ def test_the_table_of_what_is_measured_is_the_one_that_the_code_prints():
 
 def test_the_two_commands_are_where_the_check_looks_for_them():
     assert block("main").endswith("scaffold-pipeline run configs/femoral_head.yaml")
-    assert block("tests").endswith("&& pytest")
+    assert block("tests").endswith("&& pytest -n auto")
 
 
 def test_every_command_is_in_the_readme():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import inspect
 import json
 import subprocess
@@ -60,18 +59,13 @@ def test_importing_it_imports_no_library():
 
 
 @pytest.mark.parametrize("name", ["run", "study"])
-@pytest.mark.parametrize(
-    "first", ["pass", "import scaffold_pipeline.{0}", "import scaffold_pipeline.{0}.{1}", "sp.{0}"]
-)
+@pytest.mark.parametrize("first", ["pass", "import scaffold_pipeline.api.{0}", "import scaffold_pipeline.cli.app"])
 def test_run_and_study_are_functions_whatever_was_imported_before(name, first):
-    inner = {"run": "runner", "study": "file"}[name]
     code = f"""
 import json, types
 import scaffold_pipeline as sp
-{first.format(name, inner)}
-import scaffold_pipeline.{name}.{inner} as module
+{first.format(name)}
 from scaffold_pipeline import {name} as function
-print(json.dumps([isinstance(sp.{name}, types.FunctionType), function is sp.{name}, module is sp.{name}.{inner}]))
+print(json.dumps([isinstance(sp.{name}, types.FunctionType), function is sp.{name}]))
 """
-    assert fresh(code) == [True, True, True]
-    assert importlib.import_module(f"scaffold_pipeline.{name}.{inner}")
+    assert fresh(code) == [True, True]
