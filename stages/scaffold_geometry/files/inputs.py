@@ -49,6 +49,6 @@ def require_near_origin(vertices: NDArray[np.float64], name: str) -> None:
     farthest = float(np.abs(vertices).max(initial=0.0))
     if not farthest <= _FARTHEST:
         raise StageError(
-            f"{name}: a vertex lies {farthest:.3g} mm from the origin; check `units`, or export it again: no body reaches "
-            f"beyond {_FARTHEST:g} mm"
+            f"{name}: a vertex lies {farthest:.3g} mm from the origin; check `units`, or export it again: no body "
+            f"reaches beyond {_FARTHEST:g} mm"
         )
