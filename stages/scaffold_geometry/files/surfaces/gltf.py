@@ -23,7 +23,7 @@ from scaffold_pipeline.errors import StageError
 
 Json = dict[str, Any]
 
-_READ = frozenset({"KHR_mesh_quantization", "EXT_mesh_gpu_instancing"})
+_READ = frozenset({"KHR_mesh_quantization", "EXT_mesh_gpu_instancing", "KHR_node_visibility"})
 _OF_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
 """Beginnings of extensions that have to do with looks alone."""
 _DRACO = "KHR_draco_mesh_compression"
@@ -116,6 +116,9 @@ class _Scene:
         if depth > _DEEPEST:
             raise StageError(f"{self._name}: its nodes lie in each other in a circle; {AGAIN}")
         node = _item(self._gltf["nodes"], number)
+        if not node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True):
+            self._left_out.append("left out what the file marks as hidden (KHR_node_visibility)")
+            return
         matrix = above @ _matrix(node)
         if "mesh" in node:
             if "skin" in node:

@@ -178,6 +178,15 @@ def test_only_the_nodes_of_the_scene_are_read(tmp_path: Path):
     assert np.allclose(gltf.read(tmp_path).vertices, VERTICES + np.array([1.0, 0.0, 0.0]))
 
 
+def test_hidden_nodes_are_left_out_and_said_so(tmp_path: Path):
+    gltf = Gltf()
+    hidden = {"mesh": 0, "extensions": {"KHR_node_visibility": {"visible": False}}, "children": [2]}
+    gltf.scene |= {"nodes": [{"mesh": 0}, hidden, {"mesh": 0}], "extensionsRequired": ["KHR_node_visibility"]}
+    found = gltf.read(tmp_path)
+    assert len(found.faces) == len(FACES)
+    assert "left out what the file marks as hidden (KHR_node_visibility)" in found.notes
+
+
 def test_instances_are_each_put_in_their_places(tmp_path: Path):
     gltf = Gltf()
     attributes = {
