@@ -50,6 +50,7 @@ from scaffold_pipeline.stages.contract import Millimetres, Unit, stage
 if TYPE_CHECKING:
     from scaffold_geometry.measures.morphometry import Morphometry
     from scaffold_geometry.measures.printability.verdict import Printability
+    from scaffold_geometry.measures.surface_tree import SurfaceTree
 
 _ON_OUTER = 1e-3
 """A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""
@@ -97,7 +98,7 @@ class MeasureParams(GateParams):
 
 @stage(
     writes="metrics",
-    version=10,
+    version=11,
     metrics=METRICS,
     gates=GATES,
 )
@@ -118,12 +119,14 @@ def measure(
     """
     from scaffold_geometry.files.binary_stl import from_stl, to_stl
     from scaffold_geometry.measures.printability.verdict import lint
+    from scaffold_geometry.measures.surface_tree import SurfaceTree
     from scaffold_geometry.surfaces.shells import shell_facts
 
     file = SurfaceMesh(*from_stl(to_stl(solid.vertices, solid.faces, "measured")))
     mesh = mesh if field.certificate else None  # a field without one is not made of a mesh
     on_outer = _ON_OUTER * field.spacing
-    shells, printed = shell_facts(file.vertices, file.faces), lint(file, params.printing)
+    tree = SurfaceTree(file.vertices, file.faces)
+    shells, printed = shell_facts(file.vertices, file.faces), lint(file, params.printing, tree)
     values: dict[str, Fact] = {
         **outer.facts,
         **_porosity_facts(file, outer, printed),
@@ -132,7 +135,7 @@ def measure(
         **(field.certificate.at(porous.iso) if field.certificate else {}),
         **shells,
         **_pore_facts(solid.pore_volumes, field.pore_networks),
-        **(_thickness_facts(file, outer, mesh, on_outer, porous.skin) if mesh else {}),
+        **(_thickness_facts(tree, outer, mesh, field.spacing, porous.skin) if mesh else {}),
         **{f"size_{axis}_mm": float(size) for axis, size in zip("xyz", np.ptp(file.bounds, axis=0), strict=True)},
         "volume_mm3": file.volume,
         "area_mm2": file.area,
@@ -212,21 +215,21 @@ def _pore_facts(volumes: Floats, networks: int) -> dict[str, Fact]:
 
 
 def _thickness_facts(
-    file: SurfaceMesh, outer: OuterShape, mesh: VolumeMesh, on_outer: float, skin: float
+    tree: SurfaceTree, outer: OuterShape, mesh: VolumeMesh, spacing: float, skin: float
 ) -> dict[str, Fact]:
     """Measure the struts and channels of the mesh in the file itself, which the certificate cannot see."""
     from scaffold_geometry.fields.skeleton import skeleton_of
     from scaffold_geometry.measures.struts_and_throats import narrowest_throat, thinnest_strut
+    from scaffold_geometry.measures.surface_tree import SurfaceTree
 
-    skeleton = skeleton_of(mesh.vertices, mesh.cells)
-    solid, shape = (file.vertices, file.faces), (outer.vertices, outer.faces)
-    strut = thinnest_strut(skeleton, solid, shape, on_outer)
-    throat = narrowest_throat(skeleton, solid, shape, skin)
+    skeleton, shape = skeleton_of(mesh.vertices, mesh.cells), SurfaceTree(outer.vertices, outer.faces)
+    strut = thinnest_strut(skeleton, tree, shape, spacing, _ON_OUTER * spacing)
+    throat = narrowest_throat(skeleton, tree, shape, spacing, skin)
     return {
-        "thinnest_strut_mm": strut.diameter if strut else None,
-        **place_facts("thinnest_strut", strut.place if strut else None),
-        "struts_interrupted": strut.interrupted if strut else None,
-        "narrowest_throat_mm": throat.diameter if throat else None,
-        **place_facts("narrowest_throat", throat.place if throat else None),
-        "channels_interrupted": throat.interrupted if throat else None,
+        "thinnest_strut_mm": strut.diameter,
+        **place_facts("thinnest_strut", strut.place),
+        "struts_interrupted": strut.interrupted,
+        "narrowest_throat_mm": throat.diameter,
+        **place_facts("narrowest_throat", throat.place),
+        "channels_interrupted": throat.interrupted,
     }

@@ -77,7 +77,7 @@ def test_a_plug_in_that_computes_with_our_geometry_depends_on_this_package_and_w
     package: Callable[..., None],
 ):
     package(leaning_i="from scaffold_geometry.voxels.grids import distance_inside")
-    assert imported_libraries("leaning_i") >= {DISTRIBUTION, "numpy", "vtk"}
+    assert imported_libraries("leaning_i") >= {DISTRIBUTION, "numpy", "numba"}
     package(leaning_j="from scaffold_pipeline.artifacts import SurfaceMesh")
     assert imported_libraries("leaning_j") == set()
 

@@ -10,14 +10,11 @@ import pytest
 from scaffold_pipeline.artifacts import Declared, Metrics
 from scaffold_pipeline.report.declared import declared_here
 
-UNDECLARED = ("strut_thickness_smallest", "pore_size_smallest", "stl_bytes", "sliver_", "knife_edge_")
-"""How keys begin that are to go, with what measures them."""
-
 declared = cache(declared_here)
 
 
 def undeclared_keys(metrics: Metrics, known: Declared) -> list[str]:
-    return [key for key in metrics.values if known.metric(key) is None and not key.startswith(UNDECLARED)]
+    return [key for key in metrics.values if known.metric(key) is None]
 
 
 @pytest.fixture(autouse=True)

@@ -39,10 +39,10 @@ class GateParams(Params):
     """Share of the struts, and of the channels, that may be interrupted in the file where voxels are too large."""
 
     min_strut: Millimetres | None = Field(default=None, gt=0.0)
-    """Thickness that the thinnest strut must have; not asked for by default."""
+    """Thickness that every strut must have, so that none may be broken; not asked for by default."""
 
     min_throat: Millimetres | None = Field(default=None, gt=0.0)
-    """Width that the narrowest throat of a channel must have; not asked for by default."""
+    """Width that the throat of every channel must have, so that none may be closed; not asked for by default."""
 
     build_volume: tuple[Millimetres, Millimetres, Millimetres] | None = None
     """The printer's room, in which the solid must find place, turned by right angles; not asked for by default."""
@@ -151,23 +151,31 @@ def _failed_interruptions(values: dict[str, Fact], params: GateParams) -> Iterat
 
 
 def _failed_sizes(values: dict[str, Fact], params: GateParams) -> Iterator[str]:
-    for name, asked, key, remedy in (
-        ("min_strut", params.min_strut, "thinnest_strut", "lower porosity, or use larger cells or smaller voxels"),
-        ("min_throat", params.min_throat, "narrowest_throat", "raise porosity, or use larger cells or smaller voxels"),
+    for name, asked, parts, key, remedy in (
+        ("min_strut", params.min_strut, "struts broken", "thinnest_strut", "lower porosity"),
+        ("min_throat", params.min_throat, "channels closed", "narrowest_throat", "raise porosity"),
     ):
-        if asked is None:
-            continue
-        found = values.get(f"{key}_mm")
-        if found is None:
-            yield f"{name}: nothing to measure; the config needs a mesh before measure"
-        elif to_number(found) < asked:
-            place = values[f"{key}_at"]
-            yield f"{name}: {to_number(found):.3g} mm at ({place}), at least {asked:g} is asked for; {remedy}"
+        if asked is not None:
+            yield from _failed_size(values, f"{name}: ", (asked, parts, key), remedy)
     size = [to_number(values[f"size_{axis}_mm"]) for axis in "xyz"]
     room = params.build_volume
     if room is not None and any(needed > there for needed, there in zip(sorted(size), sorted(room), strict=True)):
         measures, rooms = (" x ".join(f"{length:g}" for length in lengths) for lengths in (size, room))
         yield f"build_volume: {measures} mm do not fit into {rooms} mm; print it in parts, or scale the input"
+
+
+def _failed_size(values: dict[str, Fact], name: str, rule: tuple[float, str, str], remedy: str) -> Iterator[str]:
+    """Yield a line where a part is interrupted, or less than the `rule` asks: mm, the parts and their key."""
+    asked, parts, key = rule
+    remedy = f"at least {asked:g} is asked for; {remedy}, or use larger cells or smaller voxels"
+    kind, _, state = parts.partition(" ")
+    interrupted, found = values.get(f"{kind}_interrupted"), values.get(f"{key}_mm")
+    if interrupted:
+        yield f"{name}{interrupted} {kind} are {state} in the file, where {remedy}"
+    elif found is None:
+        yield f"{name}nothing to measure; the config needs a mesh before measure"
+    elif to_number(found) < asked:
+        yield f"{name}{to_number(found):.3g} mm at ({values[f'{key}_at']}), {remedy}"
 
 
 def to_number(fact: Fact) -> float:

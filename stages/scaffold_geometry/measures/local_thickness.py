@@ -11,7 +11,6 @@ room around it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -28,23 +27,12 @@ LEAST_RESOLVED = 3.0
 _BINS = 40
 """Bars of a histogram at most; none is narrower than a voxel."""
 
-_BODY = 0.5
-"""Share of the mean thickness that both parts beside a neck have at least: thinner ones are slivers."""
-
-
-class Neck(NamedTuple):
-    """A diameter, mm, and the middle of its ball, (3,) mm."""
-
-    diameter: float
-    place: Floats
-
 
 class Distribution(NamedTuple):
     """The local thickness over the voxels of a phase, each of the same weight, so by volume; mm.
 
     `deviation` is the median absolute deviation from the median; `percentiles` (4,) are those of `PERCENTILES`;
-    `shares` (n,) are those of the volume between `edges` (n + 1,). `smallest` is the narrowest neck of the phase: see
-    `distribution`.
+    `shares` (n,) are those of the volume between `edges` (n + 1,).
     """
 
     mean: float
@@ -53,7 +41,6 @@ class Distribution(NamedTuple):
     percentiles: Floats
     edges: Floats
     shares: Floats
-    smallest: Neck
 
 
 def local_thickness(mask: Bools, spacing: float) -> Singles:
@@ -77,11 +64,8 @@ def local_thickness(mask: Bools, spacing: float) -> Singles:
 def distribution(image: VoxelImage, phase: int, thickness: Singles) -> Distribution | None:
     """Return how the local thickness of `phase` is distributed, given its map `thickness`; None without such a voxel.
 
-    The least of the map would be the image's own: in each corner and on each step of a surface there is a voxel that
-    only a ball of a voxel holds. `smallest` is instead the narrowest neck: a place at which two parts of the phase
-    meet, the greatest ball of each a tenth and a voxel's radius above the neck's, and at least half the mean thickness.
-    A phase without a neck is nowhere narrower than at its ends, and `smallest` its greatest ball: one that is as thick
-    everywhere, but for a voxel. A neck of 2 voxels is one voxel wide in the image, and may be anything below 2.
+    It has no least: that would be the image's own, as in each corner and on each step of a surface there is a voxel
+    that only a ball of a voxel holds.
     """
     is_phase = image.is_phase(phase)
     values, counts = _diameters(thickness[is_phase], image.spacing)
@@ -100,20 +84,7 @@ def distribution(image: VoxelImage, phase: int, thickness: Singles) -> Distribut
         percentiles=np.array([_quantile(values, counts, share / 100.0) for share in PERCENTILES]),
         edges=edges,
         shares=shares / counts.sum(),
-        smallest=_narrowest(image, is_phase, _BODY * mean),
     )
-
-
-def necks(image: VoxelImage, is_phase: Bools, least: float) -> Sequence[Neck]:
-    """Return the necks of a phase (nx, ny, nz), narrowest first, between parts with a ball of `least` mm or more."""
-    from scaffold_geometry.measures.necks import deepest_first, find_necks
-
-    squared = _squared_depths(is_phase)
-    order = deepest_first(squared, int(squared.max(initial=0.0)))
-    found = find_necks(squared, order, (least / image.spacing / 2.0) ** 2)
-    flat = squared.ravel()
-    found = found[np.argsort(flat[found], kind="stable")]
-    return [_neck(image, squared, voxel) for voxel in found]
 
 
 def thickness_at(image: VoxelImage, thickness: Singles, points: Floats) -> Floats:
@@ -152,19 +123,6 @@ def _squared_depths(mask: Bools) -> Singles:
     import edt
 
     return np.asarray(edt.edtsq(np.ascontiguousarray(mask), black_border=True), np.float32)
-
-
-def _narrowest(image: VoxelImage, is_phase: Bools, least: float) -> Neck:
-    found = necks(image, is_phase, least)
-    if found:
-        return found[0]
-    squared = _squared_depths(is_phase)
-    return _neck(image, squared, int(squared.argmax()))
-
-
-def _neck(image: VoxelImage, squared: Singles, voxel: int) -> Neck:
-    diameter = 2.0 * image.spacing * float(np.sqrt(squared.ravel()[voxel]))
-    return Neck(diameter, image.place(tuple(int(i) for i in np.unravel_index(voxel, squared.shape))))
 
 
 def _quantile(values: Floats, counts: NDArray[np.int64], share: float) -> float:

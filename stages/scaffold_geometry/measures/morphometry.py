@@ -14,7 +14,7 @@ import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints, Singles
 from scaffold_geometry.measures.accessibility import Accessibility, accessibility, reachable_share
-from scaffold_geometry.measures.declarations import place_facts, place_metrics, to_place
+from scaffold_geometry.measures.declarations import place_facts, place_metrics
 from scaffold_geometry.measures.local_thickness import (
     LEAST_RESOLVED,
     PERCENTILES,
@@ -210,11 +210,10 @@ def _is_told(name: str, found: Distribution, spacing: float) -> bool:
 
 def _facts(name: str, found: Distribution | None) -> dict[str, Fact]:
     """Return the facts of a distribution, mm; None where it is not told."""
-    keys = ("mean", "median", "mad", *(f"p{percentile:g}" for percentile in PERCENTILES), "smallest", "smallest_at")
+    keys = ("mean", "median", "mad", *(f"p{percentile:g}" for percentile in PERCENTILES))
     if found is None:
         return dict.fromkeys(f"{name}_{key}" for key in keys)
-    smallest = (found.smallest.diameter, to_place(found.smallest.place))
-    told = (found.mean, found.median, found.deviation, *found.percentiles.tolist(), *smallest)
+    told = (found.mean, found.median, found.deviation, *found.percentiles.tolist())
     return {f"{name}_{key}": fact for key, fact in zip(keys, told, strict=True)}
 
 

@@ -40,10 +40,9 @@ def test_its_porosity_is_that_of_its_cell(image):
     assert image.is_phase(PORE).sum() * SPACING**3 == pytest.approx(LENGTH**3 - solid, rel=1e-12)
 
 
-def test_its_struts_are_as_thick_as_they_are_wide_and_have_necks_of_that_width(image):
+def test_its_struts_are_as_thick_as_they_are_wide(image):
     found = distribution(image, STRUT, local_thickness(image.is_phase(STRUT), SPACING))
     assert found.median == pytest.approx(WIDTH, abs=SPACING)
-    assert found.smallest.diameter == pytest.approx(WIDTH, abs=SPACING)
 
 
 def test_its_pores_let_in_what_passes_their_windows(image):
@@ -57,7 +56,6 @@ def test_its_pores_let_in_what_passes_their_windows(image):
 def test_its_pores_are_wider_than_their_windows(image):
     found = distribution(image, PORE, local_thickness(image.is_phase(PORE), SPACING))
     assert found.median > CELL - WIDTH + SPACING
-    assert found.smallest.diameter == pytest.approx(CELL - WIDTH, abs=SPACING)
 
 
 def test_the_finest_spacing_has_the_image_within_its_bound():

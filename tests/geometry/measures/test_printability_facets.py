@@ -26,12 +26,6 @@ def test_face_without_area_faces_nowhere():
     assert (areas[0], cosines[0]) == (0.0, 0.0)
 
 
-def test_aspect_is_height_over_longest_edge():
-    vertices = np.array([(0.0, 0.0, 0.0), (4.0, 0.0, 0.0), (1.0, 0.5, 0.0), (2.0, 0.0, 2.0 * np.sqrt(3.0))])
-    faces = np.array([(0, 1, 2), (0, 1, 3), (1, 2, 2), (3, 3, 3)])
-    assert facets.aspects(vertices, faces) == pytest.approx([0.125, np.sqrt(0.75), 0.0, 0.0])
-
-
 def test_shells_have_their_signed_volumes_and_centroids():
     surface = shapes.together((RUGGED, FACES), shapes.inverted(shapes.box((0.0, 2.0, 4.0), (1.0, 4.0, 7.0))))
     shells = triangles.face_pieces(surface[1])

@@ -1,12 +1,12 @@
-"""Rules `thin_wall` and `knife_edge` on solids whose walls are known."""
+"""Rule `thin_wall` on solids whose walls are known."""
 
 import numpy as np
 import pytest
 
 import shapes
-from scaffold_geometry.measures.printability.knife_edges import knife_edges, sharp_rims
 from scaffold_geometry.measures.printability.rules import PrintRules
 from scaffold_geometry.measures.printability.thin_walls import thin_walls
+from scaffold_geometry.measures.surface_tree import SurfaceTree
 from scaffold_pipeline.artifacts import SurfaceMesh
 
 PLATES = shapes.fused(
@@ -19,12 +19,7 @@ PLATES = shapes.fused(
 
 def walls_of(surface, **rules: object):
     mesh, asked = SurfaceMesh(*surface), PrintRules(**rules)
-    return thin_walls(mesh, sharp_rims(mesh, asked).edges, asked)
-
-
-def knives_of(surface, **rules: object):
-    mesh, asked = SurfaceMesh(*surface), PrintRules(**rules)
-    return knife_edges(mesh, sharp_rims(mesh, asked), asked)
+    return thin_walls(mesh, SurfaceTree(mesh.vertices, mesh.faces), asked)
 
 
 def test_thinner_of_two_plates_is_found_at_its_place():
@@ -99,35 +94,29 @@ def test_a_spot_too_small_for_the_first_samples_is_found_by_looking_closer():
 
 
 @pytest.mark.parametrize("degrees", [6.0, 10.0, 19.0])
-def test_a_wedge_is_a_knife_edge_and_no_thin_wall(degrees):
+def test_a_wedge_is_no_thin_wall(degrees):
     wedge = shapes.prism([(0.0, 0.0), (5.0, 0.0), (5.0, 5.0 * np.tan(np.radians(degrees)))], 2.0)
-    values, finding = knives_of(wedge)
-    assert values["knife_edge_mm"] == pytest.approx(2.0)
-    assert finding.rule == "knife_edge"
-    assert finding.places == pytest.approx(np.array([(0.0, 1.0, 0.0)]))
-    assert f"the sharpest of {degrees:.2g} degrees" in finding.message
     assert walls_of(wedge, min_wall=0.05).finding is None
 
 
-def test_a_rim_less_sharp_than_asked_for_is_no_knife_edge():
-    wedge = shapes.prism([(0.0, 0.0), (5.0, 0.0), (5.0, 5.0 * np.tan(np.radians(21.0)))], 2.0)
-    assert knives_of(wedge) == ({"knife_edge_mm": 0.0}, None)
-    assert knives_of(wedge, knife_angle=22.0).finding is not None
+@pytest.mark.parametrize("end", [0.02, 0.1])
+def test_the_end_of_a_wedge_is_no_thin_wall_where_it_is_blunt(end: float):
+    """A wedge of 10 degrees whose rim is cut off."""
+    slope = np.tan(np.radians(10.0))
+    wedge = shapes.prism([(end / slope, 0.0), (5.0, 0.0), (5.0, 5.0 * slope), (end / slope, end)], 2.0)
+    assert walls_of(wedge).values["thinnest_wall_mm"] > 2.0 * end
 
 
-def test_knife_edges_no_longer_than_allowed_are_measured_only():
-    wedge = shapes.prism([(0.0, 0.0), (5.0, 0.0), (5.0, 0.5)], 2.0)
-    assert knives_of(wedge, max_knife_edge=2.1).finding is None
-    assert knives_of(wedge, max_knife_edge=None).finding is None
-    assert knives_of(wedge, max_knife_edge=1.9).finding is not None
+def test_a_fin_is_a_wall_though_it_ends_and_stands_on_a_block():
+    """0.3 mm thick and 1.2 mm high: close to its end on one side, and to the block on the other."""
+    block = shapes.fused(shapes.box((0.0, 0.0, 0.0), (4.0, 4.0, 2.0)), shapes.box((2.0, 0.0, 1.9), (2.3, 4.0, 3.2)))
+    assert walls_of(block).values["thinnest_wall_mm"] == pytest.approx(0.3, abs=1e-6)
 
 
-def test_a_sharp_notch_is_no_knife_edge():
-    notch = shapes.prism([(2.0, 0.5), (2.5, 2.1), (1.5, 2.1)], 4.0)
-    notched = shapes.without(
-        shapes.box((0.0, 0.0, 0.0), (4.0, 2.0, 2.0)), (notch[0] - np.array([0.0, 1.0, 0.0]), notch[1])
-    )
-    assert knives_of(notched, knife_angle=45.0).values["knife_edge_mm"] == 0.0
+def test_a_bar_that_is_round_on_one_side_is_as_thick_as_at_its_middle():
+    """What the cut through a round strut leaves: 0.1 mm thick in the middle, nothing at both rims."""
+    profile = [(x, 0.1 * (1.0 - (x / 0.3) ** 2)) for x in np.linspace(0.3, -0.3, 61)]
+    assert walls_of(shapes.prism(profile, 3.0)).values["thinnest_wall_mm"] == pytest.approx(0.1, rel=0.2)
 
 
 def test_a_plate_with_a_sharp_bevel_keeps_its_wall():

@@ -9,12 +9,14 @@ import pytest
 
 from scaffold_geometry.fields.skeleton import skeleton_of
 from scaffold_geometry.measures.struts_and_throats import narrowest_throat, thinnest_strut
+from scaffold_geometry.measures.surface_tree import SurfaceTree
 from scaffold_geometry.surfaces import booleans
 from shapes import box, hexahedra
 
 OUTER = box((0.0, 0.0, 0.0), (20.0, 20.0, 20.0))
 MESH = hexahedra((2, 2, 2), edge=10.0)
 SKELETON = skeleton_of(MESH.vertices, MESH.cells)
+SPACING = 0.25
 
 
 def body(low: tuple[float, float, float], high: tuple[float, float, float]):
@@ -34,8 +36,9 @@ def rooms():
 
 
 def measured(solid: object, skin: float = 0.0):
-    surface = booleans.from_manifold(solid)
-    return thinnest_strut(SKELETON, surface, OUTER, 1e-3), narrowest_throat(SKELETON, surface, OUTER, skin)
+    surface, outer = SurfaceTree(*booleans.from_manifold(solid)), SurfaceTree(*OUTER)
+    strut = thinnest_strut(SKELETON, surface, outer, SPACING, 1e-3)
+    return strut, narrowest_throat(SKELETON, surface, outer, SPACING, skin)
 
 
 def test_the_ball_about_an_axis_touches_the_nearest_wall():
@@ -45,24 +48,54 @@ def test_the_ball_about_an_axis_touches_the_nearest_wall():
     assert strut.interrupted == throat.interrupted == 0
 
 
-def test_the_thinnest_place_is_told():
+def test_the_thinnest_place_is_told_with_the_ball_that_still_fits_beside_a_nick():
+    """The ball about the axis touches the nick at 0.7 mm; the greatest, 0.5 mm off, touches two rooms besides."""
     strut, _ = measured(rooms() - body((10.5, 10.5, 4.5), (12.0, 12.0, 5.5)))
-    assert strut.diameter == pytest.approx(2.0 * np.sqrt(0.5))
-    np.testing.assert_allclose(strut.place, [10.0, 10.0, 5.0])
+    assert strut.diameter == pytest.approx(np.sqrt(5.0), abs=0.01)
+    assert sorted(strut.place[:2]) == pytest.approx([9.5, 10.0], abs=0.02)
+    assert abs(strut.place[2] - 5.0) <= 0.5
+    assert strut.interrupted == 0
 
 
-def test_a_strut_that_is_cut_through_is_interrupted():
+def test_a_strut_that_is_cut_through_is_interrupted_and_not_the_thinnest():
     strut, throat = measured(rooms() - body((8.0, 8.0, 4.5), (12.0, 12.0, 5.5)))
-    assert strut.diameter == 0.0
     assert strut.interrupted == 1
-    np.testing.assert_allclose(strut.place, [10.0, 10.0, 5.0])
+    assert strut.diameter == pytest.approx(2.0 * np.sqrt(2.0))
     assert throat.interrupted == 0
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-4])
+def test_no_break_is_too_short_to_be_seen(width: float):
+    strut, _ = measured(rooms() - body((8.0, 8.0, 4.633), (12.0, 12.0, 4.633 + width)))
+    assert strut.interrupted == 1
+
+
+def test_no_film_across_a_channel_is_too_thin_to_be_seen():
+    _, throat = measured(rooms() + body((8.633, 2.0, 2.0), (8.6331, 8.0, 8.0)))
+    assert throat.interrupted == 1
 
 
 def test_a_window_that_is_walled_up_interrupts_the_channels_of_both_its_rooms():
     strut, throat = measured(rooms() + body((9.0, 2.0, 2.0), (11.0, 8.0, 8.0)))
-    assert throat.diameter == 0.0
     assert throat.interrupted == 2
+    assert throat.diameter == pytest.approx(4.0)  # of the channels that are open
+    assert strut.interrupted == 0
+
+
+def test_where_all_struts_are_gone_none_is_the_thinnest():
+    speck = SurfaceTree(*box((4.0, 4.0, 4.0), (5.0, 5.0, 5.0)))
+    strut = thinnest_strut(SKELETON, speck, SurfaceTree(*OUTER), SPACING, 1e-3)
+    assert strut == (6, None, None)  # the inner edges; the others lie on the outer shape
+
+
+def test_a_strut_beside_its_axis_is_as_thick_as_it_is():
+    """Rods of 1 mm whose middle is 0.4 mm off the axis: the ball about the axis has 0.2 mm."""
+    rods = body((9.9, 9.9, 0.0), (10.9, 10.9, 20.0))
+    for low, high in (((9.9, 0.0, 9.9), (10.9, 20.0, 10.9)), ((0.0, 9.9, 9.9), (20.0, 10.9, 10.9))):
+        rods += body(low, high)
+    surface = SurfaceTree(*booleans.from_manifold(rods))
+    strut = thinnest_strut(SKELETON, surface, SurfaceTree(*OUTER), 1.0, 1e-3)
+    assert strut.diameter == pytest.approx(1.0, abs=0.02)
     assert strut.interrupted == 0
 
 
@@ -74,13 +107,16 @@ def test_a_narrower_window_is_the_narrowest_throat():
 def test_what_the_clip_cuts_says_nothing_of_a_strut():
     """All but the middle of the block away: its edges end at the cut, and the nearest wall of some is the cut."""
     cut = (4.0, 4.0, 4.0), (16.0, 16.0, 16.0)
-    surface = booleans.from_manifold(rooms() ^ body(*cut))
-    assert thinnest_strut(SKELETON, surface, box(*cut), 1e-3).diameter == pytest.approx(2.0 * np.sqrt(2.0))
+    surface = SurfaceTree(*booleans.from_manifold(rooms() ^ body(*cut)))
+    strut = thinnest_strut(SKELETON, surface, SurfaceTree(*box(*cut)), SPACING, 1e-3)
+    assert strut.diameter == pytest.approx(2.0 * np.sqrt(2.0))
+    assert strut.interrupted == 0
 
 
 def test_a_solid_whose_struts_all_lie_on_the_cut_has_none_to_measure():
     one = hexahedra((1, 1, 1), edge=20.0)
-    assert thinnest_strut(skeleton_of(one.vertices, one.cells), OUTER, OUTER, 1e-3) is None
+    outer = SurfaceTree(*OUTER)
+    assert thinnest_strut(skeleton_of(one.vertices, one.cells), outer, outer, SPACING, 1e-3) == (0, None, None)
 
 
 def test_a_skin_closes_no_channel_that_stays_within():

@@ -63,22 +63,6 @@ def cone_angles(vertices: Floats, faces: Ints, up: Floats, is_asked: Bools) -> F
 
 
 @kernel
-def aspects(vertices: Floats, faces: Ints) -> Floats:
-    """Return the height of each face over its longest edge, by that edge, (m,): 0 without area, 0.87 equilateral."""
-    ratios = np.zeros(len(faces))
-    for i in range(len(faces)):
-        a, b, c = vertices[faces[i, 0]], vertices[faces[i, 1]], vertices[faces[i, 2]]
-        x, y, z = _doubled_normal(a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2])
-        longest = 0.0
-        for p, q in ((a, b), (b, c), (c, a)):
-            dx, dy, dz = p[0] - q[0], p[1] - q[1], p[2] - q[2]
-            longest = max(longest, dx * dx + dy * dy + dz * dz)
-        if longest > 0.0:
-            ratios[i] = np.sqrt(x * x + y * y + z * z) / longest
-    return ratios
-
-
-@kernel
 def shell_sums(vertices: Floats, faces: Ints, shells: Ints, count: int) -> tuple[Floats, Floats]:
     """Return the signed volume within each of `count` shells, (k,), and its centroid, (k, 3).
 

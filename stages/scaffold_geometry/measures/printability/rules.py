@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Annotated, NamedTuple
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from scaffold_geometry.arrays import Floats
 from scaffold_geometry.measures.declarations import place_metrics
 from scaffold_pipeline.artifacts import Fact, Finding, Metric
+from scaffold_pipeline.errors import warn
 from scaffold_pipeline.stages.contract import Millimetres, Params, Unit
 
 _RULES = (
@@ -58,18 +59,18 @@ METRICS = (
 Degrees = Annotated[float, Unit("degrees")]
 SquareMillimetres = Annotated[float, Unit("mm^2")]
 
+_REMOVED = frozenset({"max_knife_edge", "min_aspect", "max_triangles", "max_file_bytes"})
+"""Parameters of rules that are gone; a config may still have them for one release."""
+
 
 class PrintRules(Params):
-    """What the printer, and the program that slices for it, can do."""
+    """What the printer can do."""
 
     min_wall: Millimetres | None = Field(default=None, gt=0.0)
     """Thinnest wall that prints; not asked for by default."""
 
-    knife_angle: Degrees = Field(default=20.0, ge=0.0, le=45.0)
-    """A rim sharper than this runs out to nothing; two sides that open at less are those of a wall."""
-
-    max_knife_edge: Millimetres | None = Field(default=0.0, ge=0.0)
-    """Length that may be so sharp, all rims together; none to measure it only."""
+    wall_angle: Degrees = Field(default=20.0, ge=0.0, le=45.0)
+    """Two sides that open at no more than this are those of a wall."""
 
     build_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Which way the layers are stacked, of any length; the plate lies under the lowest point."""
@@ -86,17 +87,22 @@ class PrintRules(Params):
     max_overhang_area: SquareMillimetres | None = Field(default=0.0, ge=0.0)
     """Area that may need support, all overhangs together; none to measure it only."""
 
-    min_aspect: float = Field(default=1e-4, ge=0.0, lt=0.5)
-    """Height over longest edge below which a triangle is a sliver; one without area always is."""
-
-    max_triangles: int | None = Field(default=5_000_000, gt=0)
-    """How many triangles the slicing program takes."""
-
-    max_file_bytes: int | None = Field(default=256 * 2**20, gt=0)
-    """How large a binary STL it takes."""
-
     most_places: int = Field(default=50, ge=1, le=1000)
     """How many places each rule names at most, the worst first."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _takes_the_names_of_0_1(cls, given: object) -> object:
+        """Take `wall_angle` by its former name and leave out what has no rule; either warns, for one release."""
+        if not isinstance(given, dict):
+            return given
+        kept = {name: value for name, value in given.items() if name not in _REMOVED and name != "knife_angle"}
+        for name in sorted(_REMOVED & given.keys()):
+            warn(f"printing: {name} has no rule any more and is left out; remove it from the config")
+        if "knife_angle" in given:
+            warn("printing: knife_angle is called wall_angle now; rename it in the config")
+            kept.setdefault("wall_angle", given["knife_angle"])
+        return kept
 
     @field_validator("build_direction")
     @classmethod

@@ -3,7 +3,7 @@
 At the thinnest place of a wall its sides are parallel, so the straight way through is the shortest. A ball grown from
 the surface would be stopped by the next face at every edge, and by the next facet on every curved wall.
 
-What makes a wall is for `walls` to tell; rims that run out to nothing are for the rule `knife_edge`.
+What makes a wall is for `walls` to tell.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from scaffold_geometry.measures.declarations import place_facts
 from scaffold_geometry.measures.printability.facets import faces_near, facing
 from scaffold_geometry.measures.printability.places import apart_in, format_place, worst_apart
 from scaffold_geometry.measures.printability.rules import Outcome, PrintRules
-from scaffold_geometry.measures.printability.walls import WallFinder, Walls, unit_normals
+from scaffold_geometry.measures.printability.walls import WallFinder, Walls
+from scaffold_geometry.measures.surface_tree import SurfaceTree, unit_normals
 from scaffold_pipeline.artifacts import Fact, Finding, SurfaceMesh
 
 _SAMPLES = 100_000
@@ -33,13 +34,13 @@ _PLASTIC = 1.324717957244746
 """The plastic number; steps of its first two inverse powers spread points evenly over a square (Roberts, 2018)."""
 
 
-def thin_walls(surface: SurfaceMesh, rims: Ints, rules: PrintRules) -> Outcome:
+def thin_walls(surface: SurfaceMesh, tree: SurfaceTree, rules: PrintRules) -> Outcome:
     """Measure the walls of a closed surface at points spread evenly over it, and closely where they are thinnest.
 
-    `rims` (k, 2) are its sharp edges, pairs of vertex indices. The share of what is thin is that of the whole surface.
+    `tree` finds its triangles. The share of what is thin is that of the whole surface.
     """
     areas, _ = facing(surface.vertices, surface.faces, rules.up)
-    finder = WallFinder(surface, rims, rules.knife_angle, rules.layer)
+    finder = WallFinder(surface, tree, rules.wall_angle, rules.layer, rules.min_wall or 0.0)
     walls = finder.walls(*_spread(surface, areas, np.arange(len(areas)), _SAMPLES))
     closer = _closer(surface, areas, finder, walls)
     values = _numbers(walls, closer, rules.min_wall)
