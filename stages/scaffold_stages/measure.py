@@ -97,7 +97,7 @@ class MeasureParams(GateParams):
 
 @stage(
     writes="metrics",
-    version=10,
+    version=11,
     metrics=METRICS,
     gates=GATES,
 )

@@ -57,6 +57,9 @@ METRICS = (
 _SAMPLES = 9
 """Points along each axis, both ends included."""
 
+_INSIDE = 0.5
+"""Winding number between that of points outside, 0, and inside, 1."""
+
 
 class Narrowest(NamedTuple):
     """The least diameter, mm, of a ball about an axis, its middle (3,), mm, and how many axes leave their side."""
@@ -118,12 +121,14 @@ def _along(starts: Floats, ends: Floats) -> Floats:
 def _signed_distance(points: Floats, vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
     """Return the distance of `points` (n, 3) from a closed surface, negative inside, (n,), and where it is nearest.
 
-    The sign is that of the angle-weighted normal there: Baerentzen, Aanaes (2005), exact on a closed manifold.
+    The sign is that of the winding number: beside slivers, which a clip leaves, igl's angle-weighted normals point to
+    the wrong side.
     """
     import igl
 
     if not len(points):
         return np.empty(0), np.empty((0, 3))
-    kind = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
-    distances, _, nearest, _ = igl.signed_distance(np.ascontiguousarray(points), vertices, faces, kind)
-    return np.asarray(distances), np.asarray(nearest)
+    places = np.ascontiguousarray(points)
+    squared, _, nearest = igl.point_mesh_squared_distance(places, vertices, faces)
+    is_inside = igl.fast_winding_number(vertices, faces, places) > _INSIDE
+    return np.where(is_inside, -1.0, 1.0) * np.sqrt(squared), np.asarray(nearest)
