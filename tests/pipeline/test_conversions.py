@@ -57,7 +57,9 @@ def test_a_surface_goes_to_pyvista_and_back_unchanged():
             lambda: sp.OuterShape.from_pyvista(mixed().to_pyvista()),
             r"must be a pyvista.PolyData, got pyvista.UnstructuredGrid; take mesh.extract_surface\(\)",
         ),
-        (lambda: sp.SurfaceMesh.from_pyvista(pyvista.Line()), "must hold faces and nothing else"),
+        (lambda: sp.SurfaceMesh.from_pyvista(pyvista.Line()), "must hold faces and nothing else, but it has 1 lines"),
+        (lambda: sp.SurfaceMesh.from_pyvista(pyvista.Sphere().strip()), r"strips; take mesh.triangulate\(\)"),
+        (lambda: sp.SurfaceMesh.from_pyvista(pyvista.PolyData()), "but it has no faces"),
         (
             lambda: sp.VolumeMesh.from_pyvista(pyvista.Cube()),
             "must be a pyvista.UnstructuredGrid, got pyvista.PolyData$",

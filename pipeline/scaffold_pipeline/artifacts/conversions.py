@@ -67,8 +67,11 @@ def surface_from_pyvista(mesh: object) -> tuple[Floats, Ints]:
     if not isinstance(mesh, pyvista.PolyData):
         remedy = "; take mesh.extract_surface()" if isinstance(mesh, pyvista.DataSet) else ""
         raise StageError(f"from_pyvista: must be a pyvista.PolyData, got {_kind(mesh)}{remedy}")
-    if mesh.n_lines or mesh.n_verts or mesh.n_strips or not mesh.n_cells:
-        raise StageError("from_pyvista: must hold faces and nothing else, but it has lines, points or strips, or none")
+    others = {"points": mesh.n_verts, "lines": mesh.n_lines, "strips": mesh.n_strips}
+    if any(others.values()) or not mesh.n_cells:
+        found = ", ".join(f"{count} {name}" for name, count in others.items() if count) or "no faces"
+        remedy = "; take mesh.triangulate()" if mesh.n_strips and not (mesh.n_verts or mesh.n_lines) else ""
+        raise StageError(f"from_pyvista: must hold faces and nothing else, but it has {found}{remedy}")
     triangles = mesh if mesh.is_all_triangles else mesh.triangulate()
     return np.array(triangles.points, np.float64), np.array(triangles.regular_faces, np.int64)
 
