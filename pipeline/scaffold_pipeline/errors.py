@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
+    from pathlib import Path
 
 
 _ENGINE = __name__.partition(".")[0]
@@ -66,6 +67,11 @@ def lines_and_code(error: Exception) -> tuple[str, int]:
         return f"{place}{error.strerror}", PipelineError.exit_code
     text = " ".join(str(error).split())
     return f"unexpected {type(error).__name__}: {text}; --debug shows where", PipelineError.exit_code
+
+
+def no_folder(path: Path, error: OSError) -> str:
+    """Return what is wrong where a folder for results cannot be made."""
+    return f"{path}: cannot be made a folder for results ({error.strerror}); choose another"
 
 
 class PipelineWarning(UserWarning):

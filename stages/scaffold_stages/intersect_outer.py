@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from scaffold_geometry.arrays import Floats
 from scaffold_pipeline.artifacts import Fact, IsoSurface, OuterShape, Solid
-from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import Millimetres, Params, Share, stage
 
 
@@ -27,13 +28,15 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
     """Cut the porous surface to the outer shape, with a solid skin where asked for, and keep the one main piece.
 
     The outer surface of the solid lies on the outer shape's own facets. Raises `StageError` where either surface is
-    not a closed manifold, the skin leaves no pore, or nothing remains.
+    not a closed manifold, the skin leaves no pore, or nothing remains, and warns where the outer shape is in several
+    bodies, of which one is filled.
     """
     from scaffold_geometry.surfaces import booleans
     from scaffold_geometry.surfaces.float32 import snap_to_float32
 
     _require_counted(porous, params.skin)
     shape = booleans.to_manifold(outer.vertices, outer.faces, "outer shape")
+    _warn_of_bodies(booleans.split_shells(shape).volumes)
     core = booleans.offset_core(outer.vertices, outer.faces, params.skin)
     solid, void = booleans.clip_to_outer(
         booleans.to_manifold(porous.vertices, porous.faces, "porous surface"), shape, core
@@ -56,6 +59,17 @@ def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectO
         "closed_pore_volume_filled_mm3": float(kept.filled.sum()),
     }
     return Solid(rounded.vertices, rounded.faces, pores, facts)
+
+
+def _warn_of_bodies(volumes: Floats) -> None:
+    """Tell of an outer shape in several bodies, by the volumes of its shells (k,), mm^3: one of them is filled."""
+    bodies = volumes[volumes > 0.0]
+    if len(bodies) > 1:
+        share = 1.0 - bodies.max() / bodies.sum()
+        warn(
+            f"outer shape: is in {len(bodies)} bodies, but the solid is one piece: {share:.1%} of the volume stays "
+            "empty and counts as pores; run each body alone, or load the largest by load_surface"
+        )
 
 
 def _require_counted(porous: IsoSurface, skin: float) -> None:

@@ -169,7 +169,8 @@ def _require_edge_within(edge: float, diagonal: float) -> None:
     if not least <= edge <= greatest:
         raise StageError(
             f"edge_length {edge:.3g} mm (given, or computed from cells): must be from {least:.3g} to {greatest:.3g} "
-            f"mm for a shape with a diagonal of {diagonal:.4g} mm; outside of this range fTetWild never returns"
+            f"mm for a shape with a diagonal of {diagonal:.4g} mm; outside of this range fTetWild never returns; "
+            "use one within it, or see that the shape is in mm"
         )
 
 

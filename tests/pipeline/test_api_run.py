@@ -52,6 +52,16 @@ def results(run):
     }
 
 
+def test_a_folder_that_cannot_be_made_is_one_line(project):  # noqa: ARG001
+    Path("taken").write_text("a file", encoding="utf-8")
+    with pytest.raises(sp.PipelineError, match=r"taken: cannot be made a folder for results \(File exists\); choose"):
+        sp.run(config(), out="taken")
+    with pytest.raises(sp.StageError, match=r"^write_points: taken: cannot be made a folder for results"):
+        sp.stages.write_points(sp.stages.make_points(), out="taken")
+    with pytest.raises(sp.ConfigError, match=r"^out: must be the path of a folder, got 3$"):
+        sp.run(config(), out=3)
+
+
 def test_what_it_makes_has_the_hashes_of_what_the_command_makes(project):
     path = project.write(CHAIN)
     assert project.command("run", path, "--out", "by_command", "--quiet").code == 0

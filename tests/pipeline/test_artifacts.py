@@ -257,3 +257,25 @@ def test_metrics_pass_or_name_the_gates_that_failed():
     assert Metrics({"points": 3}).summary() == {"points": 3, "quality": "pass"}
     assert Metrics({"points": 3}, has_gates=False).summary() == {"points": 3, "quality": "not measured"}
     assert Metrics({}, ("points: too few", "drawn: no")).summary() == {"quality": ["points: too few", "drawn: no"]}
+
+
+def test_an_artifact_says_what_it_holds_in_one_line():
+    shown = repr(OuterShape(CORNERS, OUTWARD, ("a note",), {"repaired": 3}))
+    assert shown == "OuterShape(vertices=float64 (4, 3), faces=int64 (4, 3), notes=('a note',), facts={'repaired': 3})"
+    measured = Metrics({f"number_{index}": float(index) for index in range(100)})
+    assert len(repr(measured)) < 400
+
+
+def test_what_is_no_array_is_told_by_its_type_and_a_number_that_is_not_finite_by_its_place():
+    with pytest.raises(StageError, match=r"got \(\); it is no array but of type NoneType$"):
+        SurfaceMesh(None, OUTWARD)
+    with pytest.raises(StageError, match=r"1 values are NaN or infinite, the first at \[1, 2\]$"):
+        SurfaceMesh(np.where(np.arange(12).reshape(4, 3) == 5, np.nan, CORNERS), OUTWARD)
+    with pytest.raises(StageError, match=r"must hold int64, got float64; convert it: array.astype\('int64'\)$"):
+        SurfaceMesh(CORNERS, OUTWARD.astype(float))
+
+
+def test_triangles_that_disagree_are_told_before_the_sign_of_a_volume_that_says_nothing():
+    mixed = np.vstack([OUTWARD[:1], OUTWARD[1:, ::-1]])
+    with pytest.raises(StageError, match=r"OuterShape: must be closed, with the next triangle across each side"):
+        OuterShape(CORNERS, mixed)

@@ -35,6 +35,16 @@ def test_a_surface_goes_to_trimesh_and_back_unchanged():
     assert np.array_equal(sp.OuterShape.from_trimesh(outer.to_trimesh()).faces, outer.faces)
 
 
+def test_a_surface_that_may_be_in_metres_is_warned_of_unless_it_says_its_unit():
+    ball = trimesh.creation.icosphere(1, 0.03)
+    with pytest.warns(sp.PipelineWarning, match=r"longest side is 0.06 mm: .* call mesh.apply_scale\(1000\)"):
+        sp.OuterShape.from_trimesh(ball)
+    with pytest.warns(sp.PipelineWarning, match=r"longest side is 0.06 mm: .* call mesh.scale\(1000, inplace=True\)"):
+        sp.OuterShape.from_pyvista(pyvista.Sphere(radius=0.03))
+    ball.units = "mm"
+    sp.OuterShape.from_trimesh(ball)
+
+
 def test_a_surface_goes_to_pyvista_and_back_unchanged():
     outer = sp.stages.make_shape(shape="ball", facet=4.0)
     mesh = outer.to_pyvista()
@@ -57,7 +67,9 @@ def test_a_surface_goes_to_pyvista_and_back_unchanged():
             lambda: sp.OuterShape.from_pyvista(mixed().to_pyvista()),
             r"must be a pyvista.PolyData, got pyvista.UnstructuredGrid; take mesh.extract_surface\(\)",
         ),
-        (lambda: sp.SurfaceMesh.from_pyvista(pyvista.Line()), "must hold faces and nothing else"),
+        (lambda: sp.SurfaceMesh.from_pyvista(pyvista.Line()), "must hold faces and nothing else, but it has 1 lines"),
+        (lambda: sp.SurfaceMesh.from_pyvista(pyvista.Sphere().strip()), r"strips; take mesh.triangulate\(\)"),
+        (lambda: sp.SurfaceMesh.from_pyvista(pyvista.PolyData()), "but it has no faces"),
         (
             lambda: sp.VolumeMesh.from_pyvista(pyvista.Cube()),
             "must be a pyvista.UnstructuredGrid, got pyvista.PolyData$",

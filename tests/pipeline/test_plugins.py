@@ -104,6 +104,7 @@ def test_what_the_third_party_wrote_is_told_by_the_page_too(project: Project):
     assert project.command("run", project.write(CHAIN), "--quiet").code == 0
     out = project.folder / "runs" / "config"
     assert json.loads((out / "metrics.json").read_text())["porosity_along_z_least"] > 0.0
+    assert "<td>Least porosity along z</td>" in (out / "report.html").read_text(encoding="utf-8")
     assert trimesh.load_mesh(out / "solid.off").is_watertight
 
 

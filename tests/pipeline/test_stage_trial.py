@@ -210,6 +210,10 @@ def test_inputs_and_parameters_that_do_not_fit_are_told(install: Install):
     ]
     with pytest.raises(StageDefinitionError, match=r"(?s)the parameters given are refused: .*least"):
         check_stage("count_points", inputs={"points": points()}, params={"least": "many"})
+    with pytest.raises(StageDefinitionError) as caught:
+        check_stage("count_points", inputs={"points": points()}, params={"lest": 1})
+    refused = "stage 'count_points': the parameters given are refused: unknown parameter 'lest'; did you mean 'least'?"
+    assert str(caught.value) == refused
 
 
 def test_what_a_stage_raises_is_passed_on_with_everything_put_back(install: Install):

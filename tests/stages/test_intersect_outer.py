@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 from scaffold_pipeline.artifacts import IsoSurface, OuterShape, Solid
-from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.errors import PipelineWarning, StageError
 from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.intersect_outer import IntersectOuterParams, intersect_outer
 from scaffold_stages.make_shape import MakeShapeParams, make_shape
@@ -149,6 +149,13 @@ def test_floating_pieces_go_and_are_counted():
     assert solid.facts["pieces_removed"] == 2
     assert solid.facts["volume_removed_mm3"] == pytest.approx(1.0 + 1.0)
     assert solid.pore_volumes == pytest.approx([336.0 - 125.0])
+
+
+def test_an_outer_shape_in_two_bodies_is_warned_of_as_one_of_them_is_filled():
+    outer = outer_of(together(cube(4.0, (0.0, 0.0, 0.0)), cube(2.0, (9.0, 0.0, 0.0))))
+    with pytest.warns(PipelineWarning, match=r"outer shape: is in 2 bodies, .* 11.1% of the volume stays empty"):
+        solid = clipped(surface_of(cube(3.0, (0.0, 0.0, 0.0)), cube(1.0, (9.0, 0.0, 0.0))), outer)
+    assert solid.volume == pytest.approx(27.0)
 
 
 def test_small_closed_pores_are_filled_and_counted_and_large_ones_stay():

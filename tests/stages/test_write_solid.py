@@ -13,8 +13,9 @@ from pydantic import ValidationError
 
 from scaffold_geometry.drawing import renders
 from scaffold_geometry.files.solids.formats import FORMATS, FileFormat
+from scaffold_pipeline import stages
 from scaffold_pipeline.artifacts import Solid
-from scaffold_pipeline.errors import PipelineWarning, StageError
+from scaffold_pipeline.errors import ConfigError, PipelineWarning, StageError
 from scaffold_pipeline.stages.contract import stage_from_function
 from scaffold_stages.write_solid import WriteSolidParams, write_solid
 
@@ -160,6 +161,20 @@ def test_rounding_that_does_no_harm_is_a_warning(tmp_path: Path):
 def test_parameters_out_of_bounds_are_refused(parameters: dict[str, object], message: str):
     with pytest.raises(ValidationError, match=message):
         WriteSolidParams.model_validate(parameters)
+
+
+@pytest.mark.parametrize(
+    ("formats", "message"),
+    [
+        (["stp"], "write_solid: formats.0: must be 'stl', '3mf', 'obj', 'ply' or 'glb', got 'stp'"),
+        ("stl", "write_solid: formats: must be a list, got 'stl'"),
+        ([], "write_solid: formats: must have at least 1 item, got []"),
+    ],
+)
+def test_a_fault_of_the_formats_is_one_line_in_words_of_yaml(tmp_path: Path, formats: object, message: str):
+    with pytest.raises(ConfigError) as caught:
+        stages.write_solid(ONE, formats=formats, out=tmp_path)
+    assert str(caught.value) == message
 
 
 def test_a_picture_that_cannot_be_drawn_is_a_warning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

@@ -214,6 +214,8 @@ def run(
     plan = make_plan(make_draft(_document(config), settings_from(settings)))
     if until is not None and until not in plan.labels:
         raise ConfigError([Fault(0, 0, f"until: the config has no stage {until!r}{did_you_mean(until, plan.labels)}")])
+    if not isinstance(out, str | Path | None):
+        raise ConfigError([Fault(0, 0, f"out: must be the path of a folder, got {format_value(out)}")])
     folder = Path(tempfile.mkdtemp(prefix="scaffold-run-")) if out is None else Path(out).expanduser().absolute()
     try:
         made = _execute(plan, folder, until, cache, verbose=verbose)

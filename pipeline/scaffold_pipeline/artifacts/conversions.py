@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from scaffold_pipeline.artifacts.cells import CELL_TYPES, Floats, Ints
-from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.errors import StageError, warn
 
 if TYPE_CHECKING:
     import pyvista
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 
 _VTK_NUMBERS = {"triangle": 5, "quadrangle": 9, "tetrahedron": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
 """VTK's own numbers of the cell types; corners follow its order already."""
+
+_SMALLEST = 1.0
+"""The longest side of a surface, mm, below which it may be in metres: a metre of bone is the most there is."""
 
 _MILLIMETRES = {None, "mm", "millimeter", "millimeters", "millimetre", "millimetres"}
 
@@ -47,7 +50,10 @@ def surface_from_trimesh(mesh: object) -> tuple[Floats, Ints]:
         raise StageError(f"from_trimesh: must be a trimesh.Trimesh, got {_kind(mesh)}{remedy}")
     if mesh.units not in _MILLIMETRES:
         raise StageError(f"from_trimesh: must be in mm, got {mesh.units!r}; call mesh.convert_units('mm') first")
-    return np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
+    vertices = np.array(mesh.vertices, np.float64)
+    if mesh.units is None:
+        _warn_of_odd_size(vertices, "from_trimesh", "mesh.apply_scale(1000)")
+    return vertices, np.array(mesh.faces, np.int64)
 
 
 def surface_to_pyvista(surface: SurfaceMesh) -> pyvista.PolyData:
@@ -67,10 +73,22 @@ def surface_from_pyvista(mesh: object) -> tuple[Floats, Ints]:
     if not isinstance(mesh, pyvista.PolyData):
         remedy = "; take mesh.extract_surface()" if isinstance(mesh, pyvista.DataSet) else ""
         raise StageError(f"from_pyvista: must be a pyvista.PolyData, got {_kind(mesh)}{remedy}")
-    if mesh.n_lines or mesh.n_verts or mesh.n_strips or not mesh.n_cells:
-        raise StageError("from_pyvista: must hold faces and nothing else, but it has lines, points or strips, or none")
+    others = {"points": mesh.n_verts, "lines": mesh.n_lines, "strips": mesh.n_strips}
+    if any(others.values()) or not mesh.n_cells:
+        found = ", ".join(f"{count} {name}" for name, count in others.items() if count) or "no faces"
+        remedy = "; take mesh.triangulate()" if mesh.n_strips and not (mesh.n_verts or mesh.n_lines) else ""
+        raise StageError(f"from_pyvista: must hold faces and nothing else, but it has {found}{remedy}")
     triangles = mesh if mesh.is_all_triangles else mesh.triangulate()
-    return np.array(triangles.points, np.float64), np.array(triangles.regular_faces, np.int64)
+    vertices = np.array(triangles.points, np.float64)
+    _warn_of_odd_size(vertices, "from_pyvista", "mesh.scale(1000, inplace=True)")
+    return vertices, np.array(triangles.regular_faces, np.int64)
+
+
+def _warn_of_odd_size(vertices: Floats, place: str, remedy: str) -> None:
+    """Warn where a mesh that says no unit is smaller than any bone is in mm: bones are often stored in metres."""
+    longest = float(np.ptp(vertices, axis=0).max(initial=0.0)) if len(vertices) else _SMALLEST
+    if longest < _SMALLEST:  # not a number compares as false, and is refused next
+        warn(f"{place}: the longest side is {longest:.4g} mm: is the mesh in mm? From metres, call {remedy}")
 
 
 def cells_to_pyvista(mesh: CellMesh) -> pyvista.UnstructuredGrid:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from reprlib import Repr
 from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 import numpy as np
@@ -25,9 +26,32 @@ Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
 
 
-@dataclass(frozen=True, eq=False)
+class _ShortRepr(Repr):
+    """What stands for a field's value: of an array its type and shape, of others the beginning."""
+
+    def repr_ndarray(self, array: NDArray[Any], level: int) -> str:
+        """Return the type and shape of an array."""
+        del level  # all levels alike
+        return f"{array.dtype} {array.shape}"
+
+
+_SHORT = _ShortRepr()
+_SHORT.maxother = 60  # characters: a fact's or an artifact's within another
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Artifact:
     """Base of what a slot can hold. Fields are arrays, facts, artifacts, or tuples of facts or artifacts."""
+
+    def __init_subclass__(cls, **options: object) -> None:
+        super().__init_subclass__(**options)
+        if "__repr__" not in vars(cls):
+            cls.__repr__ = Artifact.__repr__  # type: ignore[method-assign]  # or dataclass would print whole arrays
+
+    def __repr__(self) -> str:
+        """Return the fields, arrays by type and shape alone: `Solid(vertices=float64 (8, 3), ...)`."""
+        told = (f"{entry.name}={_SHORT.repr(getattr(self, entry.name))}" for entry in fields(self) if entry.repr)
+        return f"{type(self).__name__}({', '.join(told)})"
 
     def __post_init__(self) -> None:
         for entry in fields(self):
@@ -85,18 +109,22 @@ class Artifact:
         Traceback (most recent call last):
         scaffold_pipeline.errors.StageError: Landmarks.places: must have shape ('n', 3), got (1, 2)
         """
-        given = np.asarray(getattr(self, name))
+        value = getattr(self, name)
+        given = np.asarray(value)
         fits = [want in {None, got} for want, got in zip(shape, given.shape, strict=False)]
         if given.ndim != len(shape) or not all(fits):
             wanted = tuple("n" if want is None else want for want in shape)
-            raise StageError(f"{type(self).__name__}.{name}: must have shape {wanted}, got {given.shape}")
+            what = f"; it is no array but of type {type(value).__name__}" if given.ndim == 0 else ""
+            raise StageError(f"{type(self).__name__}.{name}: must have shape {wanted}, got {given.shape}{what}")
+        remedy = f"; convert it: array.astype({np.dtype(dtype).name!r})" if given.dtype.kind == "f" else ""
         if given.dtype.kind not in "biuf" or (np.dtype(dtype).kind == "i" and given.dtype.kind == "f"):
-            raise StageError(f"{type(self).__name__}.{name}: must hold {dtype.__name__}, got {given.dtype}")
+            raise StageError(f"{type(self).__name__}.{name}: must hold {dtype.__name__}, got {given.dtype}{remedy}")
         with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite and is refused next
             owned: NDArray[Any] = np.array(given, dtype=dtype, order="C", copy=True if given.flags.writeable else None)
         if owned.dtype.kind == "f" and not np.isfinite(owned).all():
-            bad = int(np.count_nonzero(~np.isfinite(owned)))
-            raise StageError(f"{type(self).__name__}.{name}: must be finite, but {bad} values are NaN or infinite")
+            bad = np.argwhere(~np.isfinite(owned))
+            where = f"{len(bad)} values are NaN or infinite, the first at {bad[0].tolist()}"
+            raise StageError(f"{type(self).__name__}.{name}: must be finite, but {where}")
         object.__setattr__(self, name, owned)
 
 
@@ -147,7 +175,7 @@ class SurfaceMesh(Artifact):
     def __post_init__(self) -> None:
         self.own_array("vertices", np.float64, (None, 3))
         self.own_array("faces", np.int64, (None, 3))
-        require_indices("SurfaceMesh", "faces", self.faces, len(self.vertices))
+        require_indices(type(self).__name__, "faces", self.faces, len(self.vertices))
         super().__post_init__()
 
     @classmethod
@@ -270,15 +298,15 @@ class OuterShape(SurfaceMesh):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.volume <= 0.0:
-            remedy = "; its triangles face inward: turn them, as in faces[:, ::-1]" if self.volume < 0.0 else ""
-            raise StageError(f"OuterShape: must enclose a positive volume, got {self.volume:.6g} mm^3{remedy}")
         lone = _unmatched_sides(self.faces, len(self.vertices))
         if lone:
             raise StageError(
                 f"OuterShape: must be closed, with the next triangle across each side, but {lone} of "
                 f"{3 * len(self.faces)} sides have none that runs the other way; the stage load_surface repairs files"
             )
+        if self.volume <= 0.0:
+            remedy = "; its triangles face inward: turn them, as in faces[:, ::-1]" if self.volume < 0.0 else ""
+            raise StageError(f"OuterShape: must enclose a positive volume, got {self.volume:.6g} mm^3{remedy}")
 
     def summary(self) -> dict[str, Fact]:
         """Return the surface's facts, the notes and what was done."""

@@ -21,7 +21,13 @@ from scaffold_pipeline.config import yaml_source
 from scaffold_pipeline.config.yaml_source import Document
 from scaffold_pipeline.errors import ConfigError, Fault, StageDefinitionError, did_you_mean
 from scaffold_pipeline.stages.contract import InputFileMark, Params, Stage
-from scaffold_pipeline.stages.faults import format_value, parameter_fault, to_plain, unknown_parameter
+from scaffold_pipeline.stages.faults import (
+    format_value,
+    parameter_fault,
+    to_plain,
+    unknown_parameter,
+    without_consequences,
+)
 from scaffold_pipeline.stages.registry import load_stage
 from scaffold_pipeline.stages.seeds import seed_fault
 
@@ -215,7 +221,7 @@ def _read_stage(draft: Draft, index: int, entry: object, context: Mapping[str, A
     except ValidationError as error:
         faults.extend(
             draft.fault((*path, *detail["loc"]), bare.prefix(parameter_fault(detail, stage)))
-            for detail in error.errors(include_url=False)
+            for detail in without_consequences(error.errors(include_url=False))
         )
     slot, sources = entry.get("as", stage.writes), entry.get("from") or {}
     sources = {str(key): str(value) for key, value in sources.items()} if isinstance(sources, dict) else {}

@@ -29,6 +29,7 @@ from scaffold_pipeline.errors import (
     PipelineWarning,
     StageDefinitionError,
     StageError,
+    no_folder,
 )
 from scaffold_pipeline.processes.memory import PeakMemory
 from scaffold_pipeline.runs.cache import Cache, CacheClient
@@ -143,7 +144,10 @@ def locked(out: Path) -> Iterator[None]:
 
     Raises `PipelineError` where another run holds it.
     """
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PipelineError(no_folder(out, error)) from error
     lock = FileLock(out.resolve() / ".lock", timeout=0, is_singleton=True)
     try:
         lock.acquire()

@@ -22,6 +22,7 @@ from scaffold_pipeline.errors import PipelineError, PipelineWarning
 from scaffold_pipeline.runs.runner import OWN_FILES
 from scaffold_pipeline.runs.store import Store, hash_file, hash_json
 from scaffold_pipeline.stages.contract import Params, Stage
+from scaffold_pipeline.stages.faults import parameter_fault, with_article, without_consequences
 
 _CONFIG_HASH = "0" * 64
 _CACHES = frozenset({"__pycache__", ".cache"})
@@ -61,7 +62,8 @@ def run_faults(stage: Stage, inputs: Mapping[str, Artifact], given: Mapping[str,
     try:
         params = given if isinstance(given, stage.params) else stage.params.model_validate(given, context={"base": "."})
     except ValidationError as error:
-        return [*faults, f"the parameters given are refused: {error}"]
+        details = without_consequences(error.errors(include_url=False))
+        return [*faults, *(f"the parameters given are refused: {parameter_fault(detail, stage)}" for detail in details)]
     if faults:
         return faults
     with TemporaryDirectory(prefix="stage-trial-") as name, ThreadPoolExecutor(2) as executor:
@@ -84,9 +86,9 @@ def run_faults(stage: Stage, inputs: Mapping[str, Artifact], given: Mapping[str,
 def _input_faults(stage: Stage, inputs: Mapping[str, Artifact]) -> Iterator[str]:
     for name, read in stage.reads.items():
         if name in inputs and not isinstance(inputs[name], read.type):
-            yield f"the input {name!r} must be a {read.type.__name__}, got a {type(inputs[name]).__name__}"
+            yield f"the input {name!r} must be {with_article(read.type)}, got {with_article(type(inputs[name]))}"
         elif name not in inputs and not read.optional:
-            yield f"needs the input {name!r}, a {read.type.__name__}, to be run; give it in `inputs`"
+            yield f"needs the input {name!r}, {with_article(read.type)}, to be run; give it in `inputs`"
     yield from (f"reads no {name!r}, which is among the inputs given" for name in inputs if name not in stage.reads)
 
 
@@ -100,7 +102,7 @@ def _results_of_call(
         output = trial.call(out, executor)
     if not isinstance(output, trial.stage.output):
         faults.append(
-            f"returned a {type(output).__name__}, but its annotation promises a {trial.stage.output.__name__}"
+            f"returned {with_article(type(output))}, but its annotation promises {with_article(trial.stage.output)}"
         )
         return {}
     faults += (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import PurePath
 from typing import Any
 
@@ -12,6 +12,16 @@ from pydantic_core import ErrorDetails
 from scaffold_pipeline.errors import did_you_mean
 from scaffold_pipeline.stages.contract import Stage
 
+_RULES = {"tuple_type": "must be a list", "too_short": "must have at least {min_length} item"}
+"""Where pydantic speaks of Python's tuples, which YAML does not have."""
+
+
+def without_consequences(details: Iterable[ErrorDetails]) -> list[ErrorDetails]:
+    """Return pydantic's findings without lists that are too short only as one of their items is refused."""
+    found = list(details)
+    refused = {detail["loc"][:-1] for detail in found if detail["loc"]}
+    return [detail for detail in found if detail["type"] != "too_short" or detail["loc"] not in refused]
+
 
 def parameter_fault(detail: ErrorDetails, stage: Stage) -> str:
     """Return pydantic's finding on a parameter of `stage` as: parameter, rule, value, remedy."""
@@ -20,7 +30,9 @@ def parameter_fault(detail: ErrorDetails, stage: Stage) -> str:
         return unknown_parameter(place, stage)
     if detail["type"] == "missing":
         return f"{place}: is required"
-    rule = detail["msg"].removeprefix("Value error, ").replace("Input should be", "must be").replace("Input", "it")
+    own = _RULES.get(detail["type"])
+    rule = own.format(**detail.get("ctx", {})) if own else detail["msg"]
+    rule = rule.removeprefix("Value error, ").replace("Input should be", "must be").replace("Input", "it")
     subject = f"{place}: {rule}" if place else rule
     return subject if detail["type"] == "value_error" else f"{subject}, got {format_value(detail['input'])}"
 
@@ -28,6 +40,12 @@ def parameter_fault(detail: ErrorDetails, stage: Stage) -> str:
 def unknown_parameter(place: str, stage: Stage) -> str:
     """Return the fault of a parameter that `stage` does not have, with the nearest that it has."""
     return f"unknown parameter {place!r}{did_you_mean(place, stage.params.model_fields)}"
+
+
+def with_article(kind: type) -> str:
+    """Return the name of a type as a sentence has it: `an OuterShape`, `a Solid`."""
+    name = kind.__name__
+    return f"an {name}" if name[:1].lower() in {*"aeio"} else f"a {name}"
 
 
 def format_value(value: object) -> str:

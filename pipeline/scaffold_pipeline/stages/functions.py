@@ -24,12 +24,13 @@ from scaffold_pipeline.errors import (
     StageDefinitionError,
     StageError,
     did_you_mean,
+    no_folder,
     warn,
 )
 from scaffold_pipeline.processes.threads import computing
 from scaffold_pipeline.stages.catalogue import describe_parameters
 from scaffold_pipeline.stages.contract import Params, Stage, Unit
-from scaffold_pipeline.stages.faults import format_value, parameter_fault, to_plain
+from scaffold_pipeline.stages.faults import format_value, parameter_fault, to_plain, with_article, without_consequences
 from scaffold_pipeline.stages.registry import load_stage
 from scaffold_pipeline.stages.seeds import derive_seed, seed_fault
 
@@ -169,16 +170,11 @@ def _slot_fault(stage: Stage, name: str, value: object) -> str | None:
     if isinstance(value, read.type) or (value is None and read.optional):
         return None
     if value is None:
-        return f"{name}: is required, as {_with_article(read.type.__name__)}"
+        return f"{name}: is required, as {with_article(read.type)}"
     library = type(value).__module__.partition(".")[0]
     convert = f"from_{library}"
     remedy = f"; make one by {read.type.__name__}.{convert}(...)" if hasattr(read.type, convert) else ""
-    got = type(value).__name__
-    return f"{name}: must be {_with_article(read.type.__name__)}, got {_with_article(got)}{remedy}"
-
-
-def _with_article(name: str) -> str:
-    return f"an {name}" if name[:1].lower() in {*"aeio"} else f"a {name}"
+    return f"{name}: must be {with_article(read.type)}, got {with_article(type(value))}{remedy}"
 
 
 def _engine_faults(engine: Mapping[str, object]) -> Iterator[str]:
@@ -199,7 +195,9 @@ def _params(stage: Stage, given: Mapping[str, object]) -> tuple[Params | None, l
     try:
         return stage.params.model_validate({name: to_plain(value) for name, value in given.items()}), []
     except ValidationError as error:
-        return None, [_parameter_line(detail, stage) for detail in error.errors(include_url=False)]
+        return None, [
+            _parameter_line(detail, stage) for detail in without_consequences(error.errors(include_url=False))
+        ]
 
 
 def _parameter_line(detail: Any, stage: Stage) -> str:  # noqa: ANN401 - pydantic's own mapping
@@ -220,7 +218,10 @@ def _compute(stage: Stage, arguments: dict[str, object], engine: Mapping[str, An
     if "out" not in stage.engine_arguments:
         return _guarded(stage, arguments)
     out = Path(engine["out"]).expanduser()
-    out.mkdir(parents=True, exist_ok=True)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StageError(f"{stage.name}: {no_folder(out, error)}") from error
     with TemporaryDirectory(dir=out, prefix=".out-") as folder:
         result = _guarded(stage, {**arguments, "out": Path(folder)})
         for path in Path(folder).iterdir():  # complete, or not there

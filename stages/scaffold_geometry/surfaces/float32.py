@@ -60,7 +60,8 @@ def snap_to_float32(vertices: Floats, faces: Ints, about: str) -> Rounded:
         places[folded] += way * np.minimum(0.5, reach[folded] / np.maximum(length, step))[:, None]
     raise StageError(
         f"{about}: has details finer than single precision holds so far from the origin, {step:.2g} mm, and its "
-        "surface folds when rounded to that; move the shape nearer to the origin"
+        "surface folds when rounded to that; move the shape nearer to the origin, "
+        "or repair the outer shape by load_surface if it crosses itself"
     )
 
 

@@ -9,8 +9,14 @@ from pydantic import Field
 
 from scaffold_geometry.voxels.image import PORE, STRUT
 from scaffold_geometry.voxels.voxelising import voxelise
-from scaffold_pipeline.artifacts import Curve, Metrics, OuterShape, Solid
+from scaffold_pipeline.artifacts import Curve, Metric, Metrics, OuterShape, Solid
 from scaffold_pipeline.stages.contract import Millimetres, Params, stage
+
+METRICS = (
+    Metric("porosity_along_{axis}_least", "", "Least porosity along {axis}", "Of the densest layer.", section="Pores"),
+    Metric("porosity_along_{axis}_greatest", "", "Greatest porosity along {axis}", "Of the openest.", section="Pores"),
+)
+"""What the numbers are called on the page and by `scaffold-pipeline stages`; `{axis}` stands for x, y or z."""
 
 
 class MeasureLayersParams(Params):
@@ -23,7 +29,7 @@ class MeasureLayersParams(Params):
     """Axis that the layers lie across."""
 
 
-@stage(writes="layers", version=1)
+@stage(writes="layers", version=1, metrics=METRICS)
 def measure_layers(solid: Solid, outer: OuterShape, *, params: MeasureLayersParams) -> Metrics:
     """Measure the porosity of each layer of voxels across an axis."""
     axis = "xyz".index(params.axis)
