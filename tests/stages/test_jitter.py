@@ -154,7 +154,7 @@ def test_about_a_notch_a_vertex_slides_no_further_than_its_step():
     start = notched.vertices[which]
     _, _, nearest = igl.point_mesh_squared_distance(start + step, notched.vertices, boundary)
     assert np.linalg.norm(nearest - start) > 1.1 * np.linalg.norm(step)
-    end = module._on_boundary(notched, boundary, which, start + step)
+    end = module._project(notched, boundary, which, start + step)
     assert 0.0 < np.linalg.norm(end - start) <= np.linalg.norm(step)
     assert off_boundary(notched, end).max() < 1e-12
 

@@ -314,7 +314,7 @@ DAMAGED = {
         as_msh(TWO_TETRAHEDRA, ["4 2 0 1 1 2 3 4"]).replace("$Nodes\n5", "$Nodes\n5000000000000"),
         r"\$Nodes: announces 20000000000000 numbers, but 20 follow",
     ),
-    "word.msh": (as_msh(TWO_TETRAHEDRA, ["4 2 0 1 1 2 three 4"]), "must contain numbers only, got other text"),
+    "word.msh": (as_msh(TWO_TETRAHEDRA, ["4 2 0 1 1 2 three 4"]), "must be numbers, got 'three' in its line 2"),
     "part.msh": (as_msh(TWO_TETRAHEDRA, ["4 2 0 1 1 2 3.5 4"]), "counts and node numbers must be whole numbers"),
     "nan.msh": (
         as_msh(np.where(TWO_TETRAHEDRA == 4.0, np.nan, 0.0), ["4 2 0 1 1 2 3 4"]),

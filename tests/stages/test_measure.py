@@ -10,6 +10,7 @@ import pytest
 
 from scaffold_geometry.measures.gates import _failed_interruptions, _failed_sizes
 from scaffold_geometry.surfaces import booleans
+from scaffold_pipeline import stages
 from scaffold_pipeline.artifacts import Certificate, IsoSurface, Metrics, ScalarField, Solid
 from scaffold_pipeline.errors import PipelineWarning
 from scaffold_pipeline.stages.contract import stage_from_function
@@ -416,3 +417,14 @@ def test_print_rules_that_are_broken_are_findings_with_places_and_no_failed_gate
     assert set(found) == {"thin_wall", "overhang"}
     assert all(len(finding.places) for finding in found.values())
     assert metrics.values["overhang_area_mm2"] == pytest.approx(3.0 * 6.0)
+
+
+def test_no_channel_is_closed_by_the_slivers_that_a_clip_leaves():
+    mesh = stages.make_mesh(shape="block", cell="tetrahedron", counts=2, edge=4.0)
+    outer = stages.extract_outer(mesh)
+    field = stages.arbf_field(mesh, outer, voxel_size=0.2)
+    porous = stages.isosurface(field, outer, porosity=0.65)
+    solid = stages.intersect_outer(porous, outer)
+    measured = stages.measure(solid, outer, porous, field, mesh, morphometry=False, diffusion=False)
+    assert measured.values["channels_interrupted"] == 0
+    assert measured.failed_gates == ()

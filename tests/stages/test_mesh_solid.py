@@ -154,7 +154,7 @@ def test_cells_that_share_only_an_edge_are_pieces(tmp_path: Path, answer: dict):
     mesh = cubes_of_six([(0, 0, 0), (1, 1, 0)])
     answer["vertices"], answer["cells"] = mesh.vertices, mesh.tetrahedra
 
-    write_bad(tmp_path, "as many pieces as it, 1, but its cells are in 2")
+    write_bad(tmp_path, "number of pieces: must be 1 as in the solid, got 2")
 
 
 def test_a_mesh_with_an_inverted_cell_is_refused(tmp_path: Path, answer: dict):

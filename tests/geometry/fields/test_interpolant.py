@@ -281,11 +281,11 @@ INTERPRETED = """
 import sys
 import numpy as np
 from scaffold_geometry.fields.radial_bases import BASES
-from scaffold_geometry.fields.segment_distances import READINGS
+from scaffold_geometry.fields.segment_distances import DISTANCE_DEFINITIONS
 from scaffold_geometry.fields.interpolant import Elements, assemble, evaluate
 box = np.load(sys.argv[1])
 elements = Elements(box["points"], box["starts"], box["ends"])
-matrices = [assemble(elements, basis, reading, 0.1) for basis in BASES for reading in READINGS]
+matrices = [assemble(elements, basis, reading, 0.1) for basis in BASES for reading in DISTANCE_DEFINITIONS]
 fields = [evaluate(*box["at"].T, elements, box["weights"], basis, 0.1) for basis in BASES]
 np.savez(sys.argv[2], matrices=matrices, fields=fields)
 """

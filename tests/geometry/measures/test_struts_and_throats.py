@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 import pytest
 
-import scaffold_pipeline as sp
 from scaffold_geometry.fields.skeleton import skeleton_of
 from scaffold_geometry.measures.struts_and_throats import narrowest_throat, thinnest_strut
 from scaffold_geometry.measures.surface_tree import SurfaceTree
@@ -127,15 +126,3 @@ def test_a_skin_closes_no_channel_that_stays_within():
     _, throat = measured(rooms() + outside, skin=2.0)
     assert throat.interrupted == 0
     assert throat.diameter == pytest.approx(4.0)
-
-
-def test_no_channel_is_closed_by_the_slivers_of_the_clip():
-    mesh = sp.stages.make_mesh(shape="block", cell="tetrahedron", counts=2, edge=4.0)
-    outer = sp.stages.extract_outer(mesh)
-    porous = sp.stages.isosurface(sp.stages.arbf_field(mesh, outer, voxel_size=0.2), outer, porosity=0.65)
-    solid = sp.stages.intersect_outer(porous, outer)
-    skeleton = skeleton_of(mesh.vertices, mesh.cells)
-    trees = [SurfaceTree(surface.vertices, surface.faces) for surface in (solid, outer)]
-    narrowest = narrowest_throat(skeleton, *trees, spacing=0.2, skin=0.0)
-    assert narrowest.interrupted == 0
-    assert narrowest.diameter > 1.0
