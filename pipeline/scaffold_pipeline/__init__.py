@@ -1,6 +1,7 @@
 """From an anatomical surface to a printable porous scaffold: `run` a config, or call each of the `stages`.
 
-Lengths are mm, areas mm^2, volumes mm^3, shares are of 1. Every failure is a `PipelineError` of one line a fault.
+Lengths are mm, areas mm^2, volumes mm^3, shares are from 0 to 1. Every failure is a `PipelineError` with one line for
+each fault.
 
 Examples
 --------
@@ -72,7 +73,7 @@ _HOMES = {
     **dict.fromkeys(("StudyRun", "study"), "api.study"),
     **dict.fromkeys(("ConfigError", "PipelineError", "PipelineWarning", "StageError"), "errors"),
 }
-"""The modules of public names, loaded when a name is first used; the others are artifacts."""
+"""Modules of the public names, loaded at the first use of a name; all other names are artifacts."""
 
 _FUNCTIONS_NAMED_AS_ROOMS = frozenset({"run", "study"})
 
@@ -94,10 +95,10 @@ def __dir__() -> list[str]:
 
 
 class _FrontDoor(ModuleType):
-    """The package itself, where `run` and `study` are its functions though folders of it have the same names.
+    """The package itself: keeps `run` and `study` as functions, although subpackages have the same names.
 
-    Python sets a folder's module as an attribute of its package when it is imported, over a function of that name.
-    Here the function stays, and has the module's attributes: `scaffold_pipeline.run.runner` is still found.
+    When Python imports a subpackage, it sets it as an attribute of the package and replaces a function of that name.
+    Here the function stays and gets the subpackage's attributes, so `scaffold_pipeline.run.runner` also works.
     """
 
     def __setattr__(self, name: str, value: object) -> None:

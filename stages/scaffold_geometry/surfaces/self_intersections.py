@@ -1,11 +1,11 @@
-"""Triangles of a mesh that pass through, touch or lie upon each other where they should not, found exactly.
+"""Self-intersections of a triangle mesh: triangles that cross, touch or overlap, found exactly.
 
-Two triangles may have in common the vertices that they share and the edge between these, and nothing else. Boxes in a
-tree over the triangles, in the order of a space-filling curve, give the pairs to look at; the signs of determinants
-decide, and where rounding could turn a sign it is computed exactly.
+Two triangles may have in common only the vertices that they share and the edge between these. A tree of bounding boxes,
+in the order of a space-filling curve, gives candidate pairs; signs of determinants decide, computed exactly if rounding
+could change a sign.
 
-CGAL's search by way of libigl finds the same but for faces that are there twice, which it passes over, in twice the
-time and memory (docs/decisions/libraries.md).
+CGAL's search through libigl finds the same, except duplicate faces, in twice the time and memory
+(docs/decisions/libraries.md).
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from scaffold_geometry.surfaces.exact_predicates import orient_2d, orient_3d
 from scaffold_pipeline.processes.isolation import Arrays
 
 _FAN = 4
-"""Children of a node: one step up the tree for each two bits of the number of triangles."""
+"""Children of a node: one level of the tree for each two bits of the number of triangles."""
 
 _STACK = 128
-"""Nodes that wait in a walk: at most three for each level, of which 2^60 triangles have 30."""
+"""Size of the stack of nodes: at most three for each level, and 2^60 triangles have 30 levels."""
 
 _BITS = 21
-"""Of each coordinate in the 63 bits of a place on the curve."""
+"""Bits of each coordinate in the 63 bits of a position on the curve."""
 
 _FINEST = 2.0**-200
-"""Share of the greatest coordinate below which one is taken as 0: the products of what is left are exact."""
+"""Share of the greatest coordinate below which one is set to 0, so that products of the others are exact."""
 
 
 def self_intersecting_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Bools:
-    """Return which faces (m, 3) have more in common with another than the vertices and edge they share, (m,).
+    """Return which faces (m, 3) meet another beyond the vertices and edge that they share, (m,).
 
-    `vertices` (n, 3) are distinct. Faces without area are left out (see `degenerate_faces`); their neighbours lie upon
-    each other, and are found, as are faces that are there twice.
+    `vertices` (n, 3) are distinct. Faces without area are left out (see `degenerate_faces`); their neighbours overlap
+    and are found, as are duplicate faces.
     """
     if len(faces) < 2:  # it takes two
         return np.zeros(len(faces), np.bool_)
@@ -49,17 +49,17 @@ def self_intersecting_faces(vertices: NDArray[np.floating], faces: NDArray[np.in
 
 
 def degenerate_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Bools:
-    """Return which faces (m, 3) have their corners on one line, (m,)."""
+    """Return which faces (m, 3) have all corners on one line, (m,)."""
     return _flats(_scale(vertices), np.ascontiguousarray(faces, np.int64))
 
 
 def find_self_intersections(vertices: Floats, faces: Ints) -> Arrays:
-    """Return the numbers `faces` (k,) of the `self_intersecting_faces`; for a child process, as a heap takes long."""
+    """Return the indices `faces` (k,) of the `self_intersecting_faces`; for a child process, as this can take long."""
     return {"faces": np.flatnonzero(self_intersecting_faces(vertices, faces))}
 
 
 def _scale(vertices: NDArray[np.floating]) -> Floats:
-    """Return the vertices in a unit, a power of two, that the greatest coordinate is a part of."""
+    """Return the vertices divided by a power of two, so that coordinates are at most 1."""
     points = np.asarray(vertices, np.float64)
     scaled = np.ldexp(points, -int(np.frexp(np.abs(points).max(initial=0.0))[1]))
     return np.ascontiguousarray(np.where(np.abs(scaled) < _FINEST, 0.0, scaled))
@@ -89,7 +89,7 @@ def _boxes(points: Floats, faces: Ints) -> tuple[Floats, Floats]:
 
 @parallel_kernel
 def _places_on_curve(low: Floats, high: Floats, least: Floats, greatest: Floats) -> NDArray[np.uint64]:
-    """Return the place of each box's centre on Morton's curve: the bits of its three coordinates in turn."""
+    """Return the position of each box's centre on the Morton curve: the interleaved bits of its coordinates."""
     places = np.empty(len(low), np.uint64)
     extent = max(greatest[0] - least[0], greatest[1] - least[1], greatest[2] - least[2], _FINEST)
     steps = (1 << _BITS) - 1
@@ -114,7 +114,7 @@ def _spread(bits: np.uint64) -> np.uint64:
 
 @parallel_kernel
 def _crossings(points: Floats, faces: Ints, lows: Floats, highs: Floats, starts: Ints) -> Bools:
-    """Return which faces cross another: each node above the triangles walks down the tree to those behind it."""
+    """Return which faces cross another: each lowest node is tested against the later nodes of the tree."""
     crossing = np.zeros(len(faces), np.bool_)
     top = len(starts) - 2
     for group in prange(starts[2] - starts[1]):
@@ -133,7 +133,7 @@ def _crossings(points: Floats, faces: Ints, lows: Floats, highs: Floats, starts:
             last = min(first + _FAN, starts[level] - starts[level - 1])
             width = 1 << (2 * (level - 2))
             for child in range(first, last):
-                if (child + 1) * width > group:  # holds a group that is not before this one
+                if (child + 1) * width > group:  # contains a group that is not before this one
                     levels[waiting], nodes[waiting] = level - 1, child
                     waiting += 1
     return crossing
@@ -157,7 +157,7 @@ def _cross_groups(
 
 @kernel(inline=True)
 def _overlap(lows: Floats, highs: Floats, i: int, j: int) -> bool:
-    """Return whether two boxes overlap; all comparisons are made, as a branch for each costs more."""
+    """Return whether two boxes overlap; without early exit, as branches cost more than comparisons."""
     return bool(
         (lows[i, 0] <= highs[j, 0])
         & (lows[j, 0] <= highs[i, 0])
@@ -170,7 +170,7 @@ def _overlap(lows: Floats, highs: Floats, i: int, j: int) -> bool:
 
 @kernel
 def _meet(points: Floats, faces: Ints, i: int, j: int) -> bool:
-    """Return whether two faces have more in common than the vertices and edge that they share."""
+    """Return whether two faces meet beyond the vertices and edge that they share."""
     shared, turn, other_turn = 0, 0, 0
     for k in range(3):
         for m in range(3):
@@ -193,7 +193,7 @@ def _meet(points: Floats, faces: Ints, i: int, j: int) -> bool:
 
 @kernel
 def _meet_beyond_vertex(points: Floats, a: int, b: int, c: int, d: int, e: int) -> bool:
-    """Triangles a, b, c and a, d, e meet beyond a where the side across from it in one meets the other."""
+    """Return whether triangles a, b, c and a, d, e meet beyond a: the side opposite to a in one meets the other."""
     of_d, of_e = orient_3d(points, a, b, c, d), orient_3d(points, a, b, c, e)
     if of_d * of_e > 0:
         return False
@@ -205,7 +205,7 @@ def _meet_beyond_vertex(points: Floats, a: int, b: int, c: int, d: int, e: int) 
 
 @kernel
 def _meet_apart(points: Floats, a: int, b: int, c: int, d: int, e: int, f: int) -> bool:
-    """Triangles without a common vertex meet where a side of one meets the other."""
+    """Return whether triangles without a common vertex meet: a side of one meets the other."""
     of_d, of_e, of_f = orient_3d(points, a, b, c, d), orient_3d(points, a, b, c, e), orient_3d(points, a, b, c, f)
     if abs(of_d + of_e + of_f) == 3:  # all on one side
         return False
@@ -224,7 +224,7 @@ def _meet_apart(points: Floats, a: int, b: int, c: int, d: int, e: int, f: int) 
 
 @kernel
 def _pierces(points: Floats, p: int, q: int, of_p: int, of_q: int, a: int, b: int, c: int) -> bool:
-    """Return whether segment p-q meets triangle a, b, c; `of_p`, `of_q` are the sides of its plane they are on."""
+    """Return whether segment p-q meets triangle a, b, c; `of_p`, `of_q` are the sides of its plane of p and q."""
     if of_p * of_q > 0:
         return False
     if of_p == 0 and of_q == 0:
@@ -235,7 +235,7 @@ def _pierces(points: Floats, p: int, q: int, of_p: int, of_q: int, a: int, b: in
 
 @kernel
 def _fold(points: Floats, p: int, q: int, a: int, b: int) -> bool:
-    """Return whether triangles p, q, a and q, p, b lie upon each other."""
+    """Return whether triangles p, q, a and q, p, b overlap."""
     if orient_3d(points, p, q, a, b) != 0:
         return False
     for axis in range(3):
@@ -247,7 +247,7 @@ def _fold(points: Floats, p: int, q: int, a: int, b: int) -> bool:
 
 @kernel
 def _meets_in_plane(points: Floats, p: int, q: int, a: int, b: int, c: int) -> bool:
-    """Return whether segment p-q meets triangle a, b, c in whose plane it lies; not where that has no area."""
+    """Return whether segment p-q meets triangle a, b, c in its plane; False if the triangle has no area."""
     for axis in range(3):
         way = orient_2d(points, a, b, c, axis)
         if way != 0:
