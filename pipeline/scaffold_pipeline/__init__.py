@@ -1,6 +1,7 @@
 """From an anatomical surface to a printable porous scaffold: `run` a config, or call each of the `stages`.
 
-Lengths are mm, areas mm^2, volumes mm^3, shares are of 1. Every failure is a `PipelineError` of one line a fault.
+Lengths are mm, areas mm^2, volumes mm^3, shares are from 0 to 1. Every failure is a `PipelineError` with one line for
+each fault.
 
 Examples
 --------
@@ -71,7 +72,7 @@ _HOMES = {
     **dict.fromkeys(("StudyRun", "study"), "api.study"),
     **dict.fromkeys(("ConfigError", "PipelineError", "PipelineWarning", "StageError"), "errors"),
 }
-"""The modules of public names, loaded when a name is first used; the others are artifacts."""
+"""Modules of the public names, loaded at the first use of a name; all other names are artifacts."""
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401 - whatever the name stands for

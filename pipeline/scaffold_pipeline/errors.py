@@ -1,4 +1,4 @@
-"""Every failure a user can meet: one line a fault, with the place, the rule, the value and the remedy."""
+"""Errors and warnings for users: one line for each fault, with the place, the rule, the value and the remedy."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ _ENGINE = __name__.partition(".")[0]
 
 
 class PipelineError(Exception):
-    """Base of all errors that are reported as a line instead of a traceback."""
+    """Base of all errors that are reported in one line instead of a traceback."""
 
     exit_code = 1
 
 
 class StageError(PipelineError):
-    """A stage could not do its work on the values it was given."""
+    """A stage has no valid result for its inputs and parameters."""
 
 
 class MemoryShortageError(StageError):
-    """A stage could not have the memory that it needs; with more of it free it may do its work."""
+    """A stage ran out of memory; with more free memory it may succeed."""
 
 
 class StageDefinitionError(PipelineError):
-    """A stage, ours or a plug-in's, does not keep the contract of `scaffold_pipeline.stages.contract`."""
+    """A stage, possibly of a plug-in, breaks the contract of `scaffold_pipeline.stages.contract`."""
 
 
 @dataclass(frozen=True, order=True)
 class Fault:
-    """One fault of a configuration: `line` and `column` count from 1, 0 where there is no place in a file."""
+    """One fault of a configuration: `line` and `column` count from 1; they are 0 if it has no place in a file."""
 
     line: int
     column: int
@@ -49,7 +49,7 @@ class Fault:
 
 
 class ConfigError(PipelineError):
-    """A configuration or a plan that cannot run; holds every fault found, in the order of the file."""
+    """A configuration that cannot run, with every fault, in the order of the file."""
 
     exit_code = 2
 
@@ -59,7 +59,7 @@ class ConfigError(PipelineError):
 
 
 def lines_and_code(error: Exception) -> tuple[str, int]:
-    """Return the lines and the exit code that an error becomes."""
+    """Return the lines that the command prints for an error, and its exit code."""
     if isinstance(error, PipelineError):
         return str(error), error.exit_code
     if isinstance(error, OSError) and error.strerror:
@@ -75,11 +75,11 @@ def no_folder(path: Path, error: OSError) -> str:
 
 
 class PipelineWarning(UserWarning):
-    """What a stage wants the user to know of a result that is still good; kept in the run record."""
+    """A warning about a result that is still valid; it is kept in the run record."""
 
 
 def warn(message: str) -> None:
-    """Tell the user something of a result that is still good, as a `PipelineWarning` of the line that called us."""
+    """Warn the user about a result that is still valid: a `PipelineWarning` at the line of the caller."""
     frame, level = inspect.currentframe(), 1
     while frame is not None and frame.f_globals.get("__name__", "").startswith(_ENGINE):
         frame, level = frame.f_back, level + 1
@@ -87,7 +87,7 @@ def warn(message: str) -> None:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return `; did you mean 'x'?` for the known name nearest to `name`, or the list of what is known.
+    """Return `; did you mean 'x'?` with the known name most similar to `name`, or else the list of known names.
 
     >>> did_you_mean("jiter", ["jitter", "measure"])
     "; did you mean 'jitter'?"

@@ -1,4 +1,4 @@
-"""The contract of a stage as a test: call `check_stage` on each of your stages, as we do on ours.
+"""The contract of a stage as a test: call `check_stage` in the tests of each stage.
 
 def test_the_stage_keeps_the_contract():
     check_stage("my_stage", inputs={"outer": a_small_shape}, params={"amount": 0.2})
@@ -26,7 +26,7 @@ SLOW_TO_IMPORT = (
     *("igl", "lib3mf", "manifold3d", "matplotlib", "numba", "pymeshlab", "pytetwild", "pyvista"),
     *("scipy", "skimage", "torch", "trimesh", "vtk", "vtkmodules"),
 )
-"""What a stage imports inside its function only, so that listing the stages and checking a config stay quick."""
+"""Slow imports, allowed only inside a stage's function, so that listing stages and checking a config stay fast."""
 
 _CONFIG_WORDS = frozenset({"use", "as", "from"})
 _BY_KEYWORD = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
@@ -40,35 +40,35 @@ def check_stage(
 ) -> None:
     """Require that the installed stage `name` keeps the contract of `scaffold_pipeline.stages.contract`.
 
-    Its declaration is always checked. Where inputs or parameters are given, the stage is also run, twice, the second
-    time with an executor if it takes one: both give the same bytes, unless the stage is declared not to be repeatable;
-    the result comes back from the store as it was; no input is changed; no file is written but in `out`; the working
-    directory and numpy's global random state stay; and there is no warning but of `scaffold_pipeline.errors.warn`.
+    Its declaration is always checked. With inputs or parameters the stage is also run twice, the second time with an
+    executor if it takes one. Then both results must be equal to the bit, unless the stage is declared not repeatable;
+    the result must be equal after a round trip through the store; inputs, the working directory and numpy's global
+    random state must not change; files may be written only to `out`; and only `scaffold_pipeline.errors.warn` may warn.
 
     Parameters
     ----------
     name
         The stage's name in configs: its entry point.
     inputs
-        A small artifact for each slot that it reads, by the name of the argument; `{}` for a stage that reads none.
+        A small artifact for each slot that it reads, by the name of the argument; `{}` for a stage without inputs.
     params
-        Its parameters as a config gives them, files relative to the working directory, or as made already.
+        Its parameters as in a config, files relative to the working directory, or an instance of its `Params` class.
     seed
-        Where its random numbers start from, if it is random.
+        Seed of its random numbers, if it is random.
 
     Raises
     ------
     LookupError
-        Where no such stage is installed.
+        No such stage is installed.
     StageDefinitionError
-        With a line for each rule that the stage breaks. What the stage itself raises is passed on.
+        The stage breaks rules; one line for each. Errors of the stage itself are passed on.
 
     Notes
     -----
-    To see files being opened, an audit hook is added to the process at the first run; it stays, idle, as Python has
-    no way to take it off. Caches are not looked at: `__pycache__`, `.cache` and the folders that `NUMBA_CACHE_DIR`,
-    `MPLCONFIGDIR` and `XDG_CACHE_HOME` name. What compiled code writes is seen in the working directory and among
-    the temporary files only.
+    An audit hook, added to the process at the first run, sees the files that are opened; it stays, inactive, as
+    Python cannot remove it. Caches are ignored: `__pycache__`, `.cache` and the folders in `NUMBA_CACHE_DIR`,
+    `MPLCONFIGDIR` and `XDG_CACHE_HOME`. Files written by compiled code are seen only in the working directory and
+    among the temporary files.
 
     Examples
     --------
@@ -86,22 +86,22 @@ def _function_faults(stage: Stage) -> Iterator[str]:
     if not (stage.summary[:1].isupper() and stage.summary.endswith(".")):
         yield f"the first line of its docstring must be a sentence, got {stage.summary!r}"
     if not stage.writes.isidentifier() or not stage.writes.islower():
-        yield f"writes: a slot is named by lower-case letters, digits and underscores, got {stage.writes!r}"
+        yield f"writes: a slot's name must have lower-case letters, digits and underscores only, got {stage.writes!r}"
     if stage.version < 1:
-        yield f"version: counts from 1, got {stage.version}"
+        yield f"version: must be 1 or more, got {stage.version}"
     for argument in inspect.signature(stage.function).parameters.values():
         if argument.kind not in _BY_KEYWORD:
-            yield f"argument {argument.name!r} must be one that can be given by keyword"
+            yield f"argument {argument.name!r} must be usable as a keyword"
 
 
 def _parameter_faults(stage: Stage) -> Iterator[str]:
     params = stage.params
     if not params.model_config.get("frozen") or params.model_config.get("extra") != "forbid":
-        yield f"{params.__name__} must stay frozen and forbid what it does not know"
+        yield f"{params.__name__} must be frozen and forbid unknown parameters"
     units = params.marked(Unit)
     for name, info in params.model_fields.items():
         if name in _CONFIG_WORDS:
-            yield f"parameter {name!r} has the name of a word of the config; rename it"
+            yield f"parameter {name!r} has the name of a key of the config; rename it"
         if not info.description:
             yield f"parameter {name!r} needs a docstring"
         if name not in units and _has_float(info.annotation):
@@ -118,7 +118,7 @@ def _has_float(annotation: object) -> bool:
 
 
 def _default_faults(stage: Stage) -> Iterator[str]:
-    """Yield the defaults that the parameters' own rules refuse; what is required may be missing."""
+    """Yield the defaults that break the parameters' own rules; required parameters have none."""
     infos = stage.params.model_fields.items()
     defaults: dict[str, Any] = {
         name: info.get_default(call_default_factory=True, validated_data={})
@@ -135,13 +135,13 @@ def _default_faults(stage: Stage) -> Iterator[str]:
 
 
 def _import_faults(stage: Stage) -> Iterator[str]:
-    """Yield what is wrong with importing the stage's module alone, in a fresh interpreter."""
+    """Yield the faults of importing the stage's module alone, in a new interpreter."""
     module = stage.function.__module__
     code = "import importlib, sys; importlib.import_module(sys.argv[1]); print(*sys.modules)"
-    told = subprocess.run([sys.executable, "-c", code, module], capture_output=True, text=True, check=False)
-    if told.returncode:
-        yield f"{module} cannot be imported alone: {told.stderr.strip().splitlines()[-1]}"
+    result = subprocess.run([sys.executable, "-c", code, module], capture_output=True, text=True, check=False)
+    if result.returncode:
+        yield f"{module} cannot be imported alone: {result.stderr.strip().splitlines()[-1]}"
         return
-    slow = sorted({name.partition(".")[0] for name in told.stdout.split()} & set(SLOW_TO_IMPORT))
+    slow = sorted({name.partition(".")[0] for name in result.stdout.split()} & set(SLOW_TO_IMPORT))
     if slow:
         yield f"importing {module} imports {', '.join(slow)}; import them inside the stage's function"

@@ -1,1 +1,1 @@
-"""Geometry on arrays, by subject: what stages and plug-ins compute with."""
+"""Geometry on arrays, by subject, for stages and plug-ins."""

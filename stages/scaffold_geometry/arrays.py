@@ -1,4 +1,4 @@
-"""Names for arrays, by what they hold; shapes stand in each docstring."""
+"""Type names of arrays, by their numbers; shapes are given in each docstring."""
 
 from __future__ import annotations
 

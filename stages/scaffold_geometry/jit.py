@@ -1,4 +1,4 @@
-"""The one place that names a compiler and its flags.
+"""The compiler of kernels and its flags; no other module names them.
 
 `@kernel` compiles a function of arrays and scalars; `@parallel_kernel` also runs its `prange` on all threads:
 
@@ -8,9 +8,9 @@
     @parallel_kernel(fastmath=frozenset({"contract"}))
     def squares(xs: Floats) -> Floats: ...
 
-Both keep the type of what they decorate, release the GIL, keep the machine code on disk and divide as numpy
-does (1/0 is inf). `fastmath` is True for every liberty, or the names of LLVM's that are meant: "contract",
-"afn", "arcp", "nsz", "reassoc", "nnan", "ninf". With `NUMBA_DISABLE_JIT=1` both return the plain function.
+Both keep the type of the function, release the GIL, store the machine code on disk and divide as numpy does (1/0 is
+inf). `fastmath` is True for all of LLVM's fast-math flags, or a set of some: "contract", "afn", "arcp", "nsz",
+"reassoc", "nnan", "ninf". With `NUMBA_DISABLE_JIT=1` both return the plain function.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ __all__ = ["kernel", "parallel_kernel", "prange", "spread"]
 
 
 def _use_widest_vectors() -> None:
-    """Let LLVM use vectors of 512 bits where the processor has them: by itself it takes 256, and half the speed."""
+    """Let LLVM use 512-bit vectors if the processor has them: its default of 256 bits is half as fast."""
     features = llvm.get_host_cpu_features()
     if features.get("avx512f") and numba.config.CPU_FEATURES is None:
         features["prefer-256-bit"] = False
@@ -61,8 +61,8 @@ def kernel(*, fastmath: Fastmath = False, inline: bool = False) -> Callable[[Ker
 def kernel(function: Kernel | None = None, /, *, fastmath: Fastmath = False, inline: bool = False) -> Any:
     """Compile a function to run on one thread.
 
-    `inline` puts its code into every caller's: what a formula in a loop needs for the loop to become a vector's.
-    LLVM left to itself calls all but the smallest; for the distance to a segment that cost a factor of four.
+    `inline` inserts its code into every caller, so that a loop over a formula can be vectorised. By default LLVM
+    inlines only the smallest functions; for the distance to a segment that is four times slower.
     """
     return _compile(function, fastmath=fastmath, forceinline=inline)
 
@@ -99,16 +99,16 @@ def _compile(function: Kernel | None, *, fastmath: Fastmath, **flags: bool) -> A
 
 
 def spread(work: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return pieces of work (n,) in a stride, so that the equal shares of all threads take equal time."""
+    """Return pieces of work (n,) in strided order, so that equal shares of all threads take equal time."""
     return work[np.argsort(np.arange(len(work)) % _STRIDE, kind="stable")]
 
 
 def _sources_digest(module: str) -> str:
-    """Return a name for the sources that the machine code of the kernels in `module` comes from, as they are now.
+    """Return a hash of the sources that the machine code of the kernels in `module` depends on.
 
-    numba looks only at the file of the function it keeps: after a change of a formula in `segment_distances.py` it
-    would go on using the machine code of callers in other files, with the old formula within. So each state of a
-    module, of what it imports of its own package and of this one, and so on, has a folder of its own.
+    numba checks only the file of a compiled function: after a change of a formula in `segment_distances.py` it would
+    use the old machine code of callers in other files, with the old formula. So each state of a module and of its
+    imports from its own package and from this one, followed recursively, has its own folder.
     """
     digest = sha256()
     for name in sorted(_sources_of(module)):
@@ -136,6 +136,6 @@ def _imports(module: str) -> frozenset[str]:
 
 
 def _source(module: str) -> bytes:
-    """Return the source of a module; nothing where it has no file, as in a notebook."""
+    """Return the source of a module; empty if it has no file, as in a notebook."""
     file = getattr(sys.modules[module], "__file__", None)
     return Path(file).read_bytes() if file else b""

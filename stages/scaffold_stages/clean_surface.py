@@ -1,4 +1,4 @@
-"""Stage `clean_surface`: an iso-surface without crumbs, flat triangles and slivers, cleaned in MeshLab."""
+"""Stage `clean_surface`: remove floating pieces, flat triangles and slivers of an iso-surface, with MeshLab."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ TIME_LIMIT = 1800.0
 """Seconds; five million triangles take under two minutes."""
 
 _FIRST_SHARE = 0.6
-"""Share of the distance allowed that the first simplification gets: merges add up to as much as 1.5 times theirs, and
-at a few places in a million to more, so that the distance is measured."""
+"""Share of the allowed distance for the first simplification: merges add up to 1.5 times their tolerance, and at a few
+places in a million to more, so that the distance is measured."""
 
 _SIMPLIFICATIONS = 8
 
@@ -29,26 +29,26 @@ class CleanSurfaceParams(Params):
     """Parameters of `clean_surface`."""
 
     min_piece: Share = Field(default=0.001, ge=0.0, lt=1.0)
-    """Floating pieces below this share of the solid's volume are removed, and closed pores as small are filled."""
+    """Floating pieces below this share of the solid's volume are removed, and closed pores of this size are filled."""
 
-    # three steps leave a thousandth of the slivers and thin no strut, ten break some: docs/decisions/cleaning.md
+    # three steps leave a thousandth of the slivers and do not thin struts, ten break some: docs/decisions/cleaning.md
     smoothing: int = Field(default=3, ge=0, le=200)
-    """Steps of Taubin smoothing, which evens out terraces and slivers at the same volume; 0 leaves it out."""
+    """Steps of Taubin smoothing, which removes terraces and slivers at constant volume; 0 turns it off."""
 
     most_moved: Annotated[float, Unit("voxels of the field")] = Field(default=0.5, gt=0.0)
-    """Smoothing moves no vertex further than this; most of the way is along the surface, not off it."""
+    """Greatest distance by which smoothing moves a vertex; vertices move mostly along the surface."""
 
     simplify: Millimetres = Field(default=0.0, ge=0.0)
-    """Triangles are merged where the surface moves by no more than this; 0 keeps them all."""
+    """Greatest distance by which simplification moves the surface; 0 turns it off."""
 
 
 @stage(writes="porous", version=3)
 def clean_surface(porous: IsoSurface, *, params: CleanSurfaceParams) -> IsoSurface:
-    """Clean the surface in MeshLab, without floating pieces; smooth at constant volume; simplify to an error in mm.
+    """Clean the surface in MeshLab, remove floating pieces, smooth at constant volume, simplify to an error in mm.
 
     Duplicate vertices and triangles are merged, non-manifold edges and vertices split, flat triangles collapsed.
-    Smoothing comes before simplification: it counts on triangles as even as those of the grid. Raises `StageError`
-    where MeshLab's libraries are missing or the surface is not closed.
+    Smoothing comes before simplification, as it needs the uniform triangles of the grid. Raises `StageError` if
+    MeshLab's libraries are missing or the surface is not closed.
     """
     answer = call_in_child(
         clean_in_child,
@@ -70,7 +70,7 @@ def clean_surface(porous: IsoSurface, *, params: CleanSurfaceParams) -> IsoSurfa
 
 
 def clean_in_child(vertices: Floats, faces: Ints, min_piece: float, smoothing: int) -> Arrays:
-    """Return clean `vertices` and `faces`, the vertices `smoothed`, and what was done by number, each of shape ()."""
+    """Return clean `vertices` and `faces`, the vertices `smoothed`, and counts of what was done, each of shape ()."""
     from scaffold_geometry.surfaces.meshlab import smooth_with_meshlab, weld_with_meshlab
 
     welded = weld_with_meshlab(vertices, faces)
@@ -91,7 +91,7 @@ def clean_in_child(vertices: Floats, faces: Ints, min_piece: float, smoothing: i
 def _smooth(
     vertices: Floats, smoothed: Floats, faces: Ints, spacing: float | None, most_moved: float
 ) -> tuple[Floats, dict[str, Fact]]:
-    """Return the smoothed vertices as far as they may move, and how far they did; without a voxel size, as they are."""
+    """Return the smoothed vertices within their limit, and the distances moved; unlimited without a voxel size."""
     from scaffold_geometry.surfaces.smoothing import hold_smoothing
 
     held = hold_smoothing(vertices, smoothed, faces, np.inf if spacing is None else most_moved * spacing)
@@ -106,9 +106,9 @@ def _smooth(
 
 
 def _without_crumbs(vertices: Floats, faces: Ints, min_piece: float) -> tuple[Ints, dict[str, int | float]]:
-    """Return the faces of the shells that are large enough, and what was left out.
+    """Return the faces of the shells that are large enough, and counts of those removed.
 
-    By labels: MeshLab removes pieces by triangles or diameter, not volume, and takes 5 times as long to measure five.
+    By labelling: MeshLab removes pieces by triangles or diameter, not volume, and takes 5 times as long for 5 pieces.
     """
     pieces = face_pieces(faces)
     volumes = piece_volumes(vertices, faces, pieces)
@@ -116,7 +116,7 @@ def _without_crumbs(vertices: Floats, faces: Ints, min_piece: float) -> tuple[In
     small, solid = np.abs(volumes) < least, volumes > 0.0
     if solid.any() and small[solid].all():
         raise StageError(
-            f"min_piece {min_piece:g}: every one of {int(solid.sum())} pieces is smaller, the greatest has "
+            f"min_piece {min_piece:g}: every one of {int(solid.sum())} pieces is smaller, the largest has "
             f"{volumes.max() / volumes[solid].sum():.3g} of the volume; lower it"
         )
     facts: dict[str, int | float] = {
@@ -129,10 +129,10 @@ def _without_crumbs(vertices: Floats, faces: Ints, min_piece: float) -> tuple[In
 
 
 def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the surface with an edge of each flat triangle collapsed: taking the triangle out would open a hole.
+    """Return the surface with an edge of each flat triangle collapsed: removing the triangle would open a hole.
 
-    By Manifold: `meshing_remove_null_faces` of MeshLab takes it out; `meshing_remove_t_vertices`, which collapses it,
-    left edges of more than two triangles where 5 % were flat.
+    By Manifold: `meshing_remove_null_faces` of MeshLab removes it; `meshing_remove_t_vertices`, which collapses it,
+    left edges of more than two triangles if 5 % were flat.
     """
     from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 
@@ -143,10 +143,10 @@ def _without_flats(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 def _simplify(vertices: Floats, faces: Ints, error: float) -> tuple[Floats, Ints, float]:
-    """Return the surface with fewer triangles, and how far the two surfaces lie apart: no more than `error` mm.
+    """Return the surface with fewer triangles, and its distance from the original: at most `error` mm.
 
-    By Manifold, which takes a distance: MeshLab's quadric, topology kept, takes a number of triangles and three times
-    as long, and ends half as far away again.
+    By Manifold, which takes a distance: MeshLab's quadric simplification with topology kept takes a number of
+    triangles, needs three times as long, and moves the surface 1.5 times as far.
     """
     from scaffold_geometry.surfaces.booleans import from_manifold, simplify_manifold, to_manifold
 

@@ -1,4 +1,4 @@
-"""`inspect_surface`: measure any surface file, its defects included, and refuse none of them."""
+"""Stage `inspect_surface`: measure a surface file with its defects; no defect is an error."""
 
 from __future__ import annotations
 
@@ -16,37 +16,43 @@ from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import InputFile, Params, stage
 
 _SEARCH_SECONDS = 60.0
-"""For the search for self-intersections: exact; a million triangles take seconds, a tangle may take longer."""
+"""Time limit of the search for self-intersections; a million triangles take seconds, tangled ones may take longer."""
 
 
 _FILE, _SURFACE = "File", "Surface"
 
 METRICS = (
-    Metric("file", "", "File", "What was measured.", _FILE),
-    Metric("unit", "", "Unit", "Of the file's lengths, and who says so.", _FILE),
-    Metric("vertices_in_file", "", "Vertices in the file", "Before those at the same place count as one.", _FILE),
-    Metric("vertices", "", "Vertices", "At different places.", _FILE),
+    Metric("file", "", "File", "The measured file.", _FILE),
+    Metric("unit", "", "Unit", "Of the file's lengths, and its source.", _FILE),
+    Metric("vertices_in_file", "", "Vertices in the file", "Before coincident ones are merged.", _FILE),
+    Metric("vertices", "", "Vertices", "Distinct ones.", _FILE),
     Metric("triangles", "", "Triangles", "Of the surface.", _FILE),
     Metric("degenerate_triangles", "", "Degenerate triangles", "Without area.", _FILE),
-    Metric("duplicate_triangles", "", "Duplicate triangles", "With the same corners as another.", _FILE),
+    Metric("duplicate_triangles", "", "Duplicate triangles", "With the same corners as another triangle.", _FILE),
     Metric("size_{axis}", "mm", "Size along {axis}", "Of the bounding box.", _SURFACE),
     Metric("area_mm2", "mm\u00b2", "Area", "Of all triangles.", _SURFACE),
-    Metric("volume_mm3", "mm\u00b3", "Volume", "Where the surface is closed and consistently wound.", _SURFACE),
-    Metric("is_manifold", "", "Manifold", "Whether each edge belongs to two triangles.", _SURFACE),
-    Metric("is_oriented", "", "Oriented", "Whether neighbours are wound the same way.", _SURFACE),
+    Metric("volume_mm3", "mm\u00b3", "Volume", "If the surface is closed and consistently oriented.", _SURFACE),
+    Metric("is_manifold", "", "Manifold", "Yes if each edge belongs to two triangles.", _SURFACE),
+    Metric("is_oriented", "", "Oriented", "Yes if neighbouring triangles have the same orientation.", _SURFACE),
     Metric("boundary_edges", "", "Open edges", "With one triangle.", _SURFACE),
     Metric("non_manifold_edges", "", "Non-manifold edges", "With more than two triangles.", _SURFACE),
-    Metric("misoriented_edges", "", "Misoriented edges", "Whose two triangles are wound against each other.", _SURFACE),
-    Metric("touching_vertices", "", "Touching vertices", "At which the surface only touches itself.", _SURFACE),
-    Metric("pieces", "", "Pieces", "Parts that hang together by edges.", _SURFACE),
+    Metric("misoriented_edges", "", "Misoriented edges", "Whose two triangles have opposite orientations.", _SURFACE),
+    Metric("touching_vertices", "", "Touching vertices", "At which the surface touches itself.", _SURFACE),
+    Metric("pieces", "", "Pieces", "Parts connected over edges.", _SURFACE),
     Metric("euler", "", "Euler characteristic", "Vertices minus edges plus triangles.", _SURFACE),
     Metric("genus", "", "Genus", "Handles of all pieces together, of a closed surface.", _SURFACE),
-    Metric("self_intersecting_faces", "", "Self-intersecting triangles", "That pass through others.", _SURFACE),
-    Metric("self_intersecting_faces_note", "", "Why these were not counted", "The search did not end.", _SURFACE),
-    Metric("manifold3d", "", "Status in manifold3d", "What that library says of the surface as a solid.", _SURFACE),
-    Metric("notes", "", "Notes", "What the reader of the file met.", _FILE),
+    Metric("self_intersecting_faces", "", "Self-intersecting triangles", "That intersect others.", _SURFACE),
+    Metric(
+        "self_intersecting_faces_note",
+        "",
+        "Why self-intersecting triangles were not counted",
+        "The search did not end.",
+        _SURFACE,
+    ),
+    Metric("manifold3d", "", "Status in manifold3d", "That library's status of the surface as a solid.", _SURFACE),
+    Metric("notes", "", "Notes", "From reading the file.", _FILE),
 )
-"""What `inspect_surface` tells."""
+"""The metrics of `inspect_surface`."""
 
 
 class InspectSurfaceParams(Params):
@@ -56,21 +62,21 @@ class InspectSurfaceParams(Params):
     """The surface: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, VTP or legacy VTK."""
 
     units: Literal["mm", "cm", "m", "inch"] | None = None
-    """What a length of 1 in the file means; left out, what the file says, or else mm."""
+    """Unit of lengths in the file; by default the one that the file states, or else mm."""
 
 
 @stage(writes="metrics", version=3, metrics=METRICS)
 def inspect_surface(*, params: InspectSurfaceParams) -> Metrics:
     """Measure a surface file: unit, size, area, volume, closedness, pieces, self-intersections.
 
-    Vertices at exactly the same place count as one. What is not defined is None: the volume of a surface
-    that is open or not consistently wound, its genus, self-intersections where the search did not end.
+    Coincident vertices count as one. Undefined values are None: the volume and genus of a surface that is open or not
+    consistently oriented, and self-intersections if the search did not end.
     """
     content = reading.read_surface(params.path)
     unit = params.units or content.unit
     scale = reading.MILLIMETRES.get(unit or "mm")
     if scale is None:
-        raise StageError(f"{params.path.name}: the unit {unit!r} is not known; set `units` to mm, cm, m or inch")
+        raise StageError(f"{params.path.name}: the unit {unit!r} is unknown; set `units` to mm, cm, m or inch")
     read = content.vertices * scale
     require_near_origin(read, params.path.name)
     vertices, faces = triangles.merge_coincident(reading.turn_up(read) if content.up == "y" else read, content.faces)
@@ -107,9 +113,9 @@ def _size(vertices: Floats, faces: Ints) -> dict[str, Fact]:
 
 
 def _topology(vertices: Floats, faces: Ints) -> dict[str, Fact]:
-    """Return what hangs together and how, and volume and genus where they are defined.
+    """Return facts of edges, vertices and pieces, and volume and genus if they are defined.
 
-    The genus is that of all pieces together, by Euler's formula for closed surfaces.
+    The genus is the sum over all pieces, by Euler's formula for closed surfaces.
     """
     faults = triangles.edge_faults(faces)
     touching = triangles.touching_vertices(faces)
@@ -146,7 +152,7 @@ def _intersections(vertices: Floats, faces: Ints, name: str) -> dict[str, Fact]:
 
 
 def _manifold_status(vertices: Floats, faces: Ints) -> str:
-    """Return what manifold3d says of the surface as a solid: `NoError`, `NotManifold`, ..."""
+    """Return manifold3d's status of the surface as a solid: `NoError`, `NotManifold`, ..."""
     import manifold3d
 
     mesh = manifold3d.Mesh64(np.array(vertices), np.array(faces, dtype=np.uint64))

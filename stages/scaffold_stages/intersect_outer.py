@@ -1,4 +1,4 @@
-"""Stage `intersect_outer`: the porous surface cut to the outer shape, one printable solid."""
+"""Stage `intersect_outer`: cut the porous surface to the outer shape, to make one printable solid."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ class IntersectOuterParams(Params):
     """Parameters of `intersect_outer`."""
 
     skin: Millimetres = Field(default=0.0, ge=0.0)
-    """Thickness of a solid shell that is kept under the outer surface; 0 leaves the pores open there."""
+    """Thickness of a solid shell under the outer surface; 0 leaves the pores open there."""
 
     min_closed_pore: Share = Field(default=0.001, ge=0.0, le=1.0)
-    """Closed pores below this share of the pore volume are filled: they would hold powder or resin for ever."""
+    """Closed pores below this share of the pore volume are filled, as powder or resin could not leave them."""
 
     fill: bool = False
     """Whether all closed pores are filled, however large."""
@@ -25,11 +25,11 @@ class IntersectOuterParams(Params):
 
 @stage(writes="solid", version=6)
 def intersect_outer(porous: IsoSurface, outer: OuterShape, *, params: IntersectOuterParams) -> Solid:
-    """Cut the porous surface to the outer shape, with a solid skin where asked for, and keep the one main piece.
+    """Cut the porous surface to the outer shape, optionally with a solid skin, and keep the largest piece.
 
-    The outer surface of the solid lies on the outer shape's own facets. Raises `StageError` where either surface is
-    not a closed manifold, the skin leaves no pore, or nothing remains, and warns where the outer shape is in several
-    bodies, of which one is filled.
+    The outer surface of the solid is on the outer shape's own facets. Raises `StageError` if either surface is not a
+    closed manifold, the skin leaves no pore, or nothing remains, and warns if the outer
+    shape is in several bodies, of which one is filled.
     """
     from scaffold_geometry.surfaces import booleans
     from scaffold_geometry.surfaces.float32 import snap_to_float32
@@ -73,9 +73,9 @@ def _warn_of_bodies(volumes: Floats) -> None:
 
 
 def _require_counted(porous: IsoSurface, skin: float) -> None:
-    """Require that a porosity was solved with the skin that is made, or it would not be met."""
+    """Require that the porosity was solved for with this skin, or the solid would have another."""
     if porous.porosity_requested is not None and porous.skin != skin:
         raise StageError(
             f"skin {skin:g} mm: the porosity was solved for a skin of {porous.skin:g} mm; leave isosurface.skin out, "
-            "so that it follows"
+            "so that it has the same value"
         )

@@ -17,7 +17,7 @@ from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import Follows, Millimetres, Params, Share, Unit, stage
 
 TOLERANCE = 1e-3
-"""How near the clipped solid's porosity must come: a fifth of what the written file may be off."""
+"""Tolerance of the clipped solid's porosity: a fifth of the tolerance for the written file."""
 
 ROUNDS = 12
 
@@ -28,18 +28,18 @@ class IsosurfaceParams(Params):
     """Parameters of `isosurface`: `porosity` or `iso`, one of them."""
 
     porosity: Share | None = Field(default=None, gt=0.0, lt=1.0)
-    """Share of the outer shape's volume that shall be pores, met on the clipped solid."""
+    """Share of the outer shape's volume that is pore, after the clip to the outer shape."""
 
     iso: Annotated[float | None, Unit("field value")] = None
-    """The field's value at the surface, instead of a porosity: solid is where the field is above it."""
+    """The field's value at the surface, instead of a porosity: the solid is where the field is above it."""
 
     skin: Annotated[Millimetres, Follows("intersect_outer", "skin")] = Field(default=0.0, ge=0.0)
-    """Thickness of the shell that `intersect_outer` will keep: counted as solid in meeting the porosity."""
+    """Thickness of the shell that `intersect_outer` keeps: counted as solid in the porosity."""
 
     min_closed_pore: Annotated[Share, Follows("intersect_outer", "min_closed_pore")] = Field(
         default=0.001, ge=0.0, le=1.0
     )
-    """Closed pores below this share of the pore volume, which `intersect_outer` fills: counted as solid too."""
+    """Closed pores below this share of the pore volume, which `intersect_outer` fills: also counted as solid."""
 
     fill: Annotated[bool, Follows("intersect_outer", "fill")] = False
     """Whether `intersect_outer` fills all closed pores."""
@@ -55,12 +55,12 @@ class IsosurfaceParams(Params):
 def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParams) -> IsoSurface:
     """Extract the closed surface of {field > iso}; a porosity is solved for on the volume of the clipped solid.
 
-    Raises `StageError` where there is no surface at the iso, or the skin leaves no room for the porosity. Where no iso
-    gives the porosity the nearest is taken, with a warning.
+    Raises `StageError` if there is no surface at the iso-value, or the skin leaves no room for the porosity. If no
+    iso-value gives the porosity, the nearest one is used, with a warning.
     """
     if field.values.shape[2] == 1:
         raise StageError(
-            "the field is one layer of samples, which bounds no solid; give its grid more along z, or use contour and "
+            "the field is one layer of samples, which bounds no solid; use a grid with more along z, or contour and "
             "extrude for a plate"
         )
     inside = samples_inside(outer.vertices, outer.faces, field.origin, field.spacing, field.values.shape)
@@ -80,7 +80,7 @@ def isosurface(field: ScalarField, outer: OuterShape, *, params: IsosurfaceParam
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """One iso tried: the share of samples at or below it, its surface, and the porosity that its solid has."""
+    """One tried iso-value: the share of samples at or below it, its surface, and the porosity of its solid."""
 
     share: float
     porosity: float
@@ -90,7 +90,7 @@ class _Trial:
 
 
 class _Search:
-    """What a porosity is a function of: tries an iso by its share of samples, in which porosity is nearly linear."""
+    """Porosity as a function of the share of samples at or below the iso-value, which is nearly linear."""
 
     def __init__(
         self, field: ScalarField, outer: OuterShape, samples: NDArray[np.float32], params: IsosurfaceParams
@@ -106,7 +106,7 @@ class _Search:
         self.greatest = (self.shape if self.core is None else self.core).volume() / self.shape.volume()
 
     def at(self, share: float) -> _Trial:
-        """Try an iso: clip its surface and measure what `intersect_outer` will keep of it."""
+        """Try an iso-value: clip its surface and measure the solid that `intersect_outer` will keep."""
         from scaffold_geometry.surfaces.booleans import clip_to_outer, find_main_piece, split_shells, to_manifold
 
         below_last = np.nextafter(self.last, -np.inf, dtype=np.float32)  # some sample stays above it
@@ -122,8 +122,8 @@ class _Search:
 def _quantiles(samples: NDArray[np.float32]) -> tuple[Floats, Floats]:
     """Return some thousand ascending values of sorted samples, and the share of samples below each.
 
-    A value that many samples share, as in a symmetric field, counts once, at the middle of its run: else the iso would
-    stand still there, and jump beside.
+    A value of many samples, as in a symmetric field, counts once, at the middle of its run: otherwise the iso-value
+    would not change there, and jump beside it.
     """
     places = np.linspace(0.0, len(samples) - 1.0, min(len(samples), _QUANTILES)).astype(int)
     values, first, counts = np.unique(samples[places], return_index=True, return_counts=True)
@@ -132,7 +132,7 @@ def _quantiles(samples: NDArray[np.float32]) -> tuple[Floats, Floats]:
 
 @dataclass
 class _Bracket:
-    """The root's bracket: on either side a share and by how much the porosity misses there, narrowed by Illinois.
+    """The bracket of the root: on either side a share and its porosity error, narrowed by the Illinois method.
 
     Dowell and Jarratt, "A modified regula falsi method for computing the root of an equation", BIT 11 (1971).
     """
@@ -144,11 +144,11 @@ class _Bracket:
     last: float = 0.0
 
     def guess(self) -> float:
-        """Return where the line between the two sides meets zero."""
+        """Return the zero of the line between the two sides."""
         return self.low - self.below * (self.high - self.low) / (self.above - self.below)
 
     def narrow(self, share: float, miss: float) -> None:
-        """Take in what was found; a side that stays twice running counts for half, or it would stay for ever."""
+        """Replace one side; the error of a side that stays twice in a row is halved, so that it moves."""
         is_repeated = miss * self.last > 0.0
         if miss > 0.0:
             self.high, self.above = share, miss
@@ -160,7 +160,7 @@ class _Bracket:
 
 
 def _at_porosity(search: _Search) -> IsoSurface:
-    """Find the iso of a porosity between no pore and nothing but pores."""
+    """Find the iso-value of a porosity."""
     wanted = search.porosity
     if not wanted < search.greatest:
         raise StageError(
@@ -175,8 +175,8 @@ def _at_porosity(search: _Search) -> IsoSurface:
         best = min(best, trial, key=lambda one: abs(one.porosity - wanted))
     if abs(best.porosity - wanted) > TOLERANCE:
         warn(
-            f"porosity {wanted:g}: no iso gives it; the nearest found has {best.porosity:.4f} at iso {best.iso:.4g}, "
-            "as pores close or pieces come off all at once there; ask for another porosity, or lower voxel_size"
+            f"porosity {wanted:g}: no iso-value gives it; the nearest is {best.porosity:.4f} at iso {best.iso:.4g}, "
+            "as pores close or pieces separate all at once there; choose another porosity, or lower voxel_size"
         )
     facts: dict[str, Fact] = {"porosity_solved": best.porosity, "rounds": rounds}
     return IsoSurface(best.vertices, best.faces, best.iso, wanted, search.skin, facts, search.field.spacing)

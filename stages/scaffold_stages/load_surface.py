@@ -1,4 +1,4 @@
-"""`load_surface`: read an anatomical surface, and let nothing pass that does not bound a solid."""
+"""Stage `load_surface`: read an anatomical surface, and require that it bounds a solid."""
 
 from __future__ import annotations
 
@@ -28,32 +28,32 @@ class LoadSurfaceParams(Params):
     """The surface: STL, OBJ, PLY, OFF, 3MF, GLB, glTF, VTP or legacy VTK."""
 
     units: Literal["mm", "cm", "m", "inch"] | None = None
-    """What a length of 1 in the file means; required unless the file says it (3MF; GLB is in metres)."""
+    """Unit of lengths in the file; required unless the file states it (3MF; GLB is in metres)."""
 
     up: Literal["y", "z"] | None = None
-    """Which axis of the file points up; y is turned to z. Left out, y for GLB and glTF, as they define it,
-    and z for all else."""
+    """Up axis of the file; y is turned to z. By default y for GLB and glTF, as these formats define, and z for all
+    other formats."""
 
     component: Literal["largest", "all"] = Field(default="largest")
-    """Which of the surface's separate pieces to keep; `all` keeps cavities, too."""
+    """Which of the surface's separate pieces to keep; `all` also keeps cavities."""
 
     repair: Literal["none", "safe", "rebuild"] = Field(default="safe")
-    """`safe` mends cracks, fills holes of up to 600 edges, drops what is double, flat or bounds nothing, and parts what
-    only touches; `rebuild` makes the surface anew around what it winds about, where it crosses itself or is torn;
-    `none` drops exact doubles and refuses all else."""
+    """`safe` closes cracks, fills holes of up to 600 edges, removes duplicate and flat triangles, fins and internal
+    walls, and splits the surface where it touches itself; `rebuild` also makes a new surface around the enclosed space,
+    if the surface intersects itself or is torn; `none` only merges exact duplicates."""
 
     tolerance: Millimetres | None = Field(default=None, gt=0.0)
-    """How far a repair may move the surface, which includes how far the middle of a filled hole lies from its rim; left
-    out, 1 % of the diagonal."""
+    """Greatest distance by which a repair may move the surface, including the distance of a filled hole's middle from
+    its rim; by default 1 % of the diagonal."""
 
 
 @stage(writes="outer", version=4, metrics=REPAIR_METRICS)
 def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
-    """Read a surface in mm, repair it, turn it outward, and refuse what does not bound a solid.
+    """Read a surface in mm, repair it, orient it outward, and require that it bounds a solid.
 
-    What was done and how far it moved the surface is told in the notes and, by number, in the facts; a sound surface
-    stays as it is. A `StageError` tells of an unreadable file, an unknown unit, a repair that moves more than
-    `tolerance`, and of a surface that still is open, non-manifold, one-sided, flat or passes through itself.
+    The notes and facts list the repairs and how far they moved the surface; a sound surface is not changed. Raises
+    `StageError` for an unreadable file, an unknown unit, a repair that moves the surface by more than `tolerance`, and
+    a surface that still is open, non-manifold, one-sided, flat or self-intersecting.
     """
     name = params.path.name
     content = reading.read_surface(params.path)
@@ -67,22 +67,22 @@ def load_surface(*, params: LoadSurfaceParams) -> OuterShape:
 
 
 def _scale_to_mm(content: SurfaceFile, units: str | None, name: str) -> tuple[float, str]:
-    """Return the mm of one file unit, and a note of where the unit is from."""
+    """Return the length of the file's unit, mm, and a note of its source."""
     known = reading.MILLIMETRES
     size = size_in_words(content.vertices, content.faces)
     if units is None and content.unit not in known:
         raise StageError(
-            f"{name}: the file does not say its unit; set `units` to mm, cm, m or inch "
+            f"{name}: the file does not state its unit; set `units` to mm, cm, m or inch "
             f"(the surface measures {size} in the file)"
         )
     if units is not None and content.unit in known and content.unit != units:
-        warn(f"{name}: the file says its unit is {content.unit}, `units` says {units}: taken as {units}")
+        warn(f"{name}: the file's unit is {content.unit}, but `units` is {units}: {units} is used")
     unit = units or content.unit or ""
     return known[unit], f"unit {unit} ({'given' if units else 'from the file'}), size {size} {unit}"
 
 
 def _turn_up(vertices: Floats, content: SurfaceFile, params: LoadSurfaceParams) -> tuple[Floats, list[str]]:
-    """Return vertices whose z axis points up, and a note where they were turned."""
+    """Return vertices with z up, and a note if they were turned."""
     if (params.up or content.up) == "z":
         return vertices, []
     note = f"turned so that y, which points up in the file{'' if params.up else ' by its format'}, is z"

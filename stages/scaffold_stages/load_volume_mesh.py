@@ -1,4 +1,4 @@
-"""`load_volume_mesh`: cells from a file, and nothing that is not a sound mesh of a body."""
+"""Stage `load_volume_mesh`: read a mesh of solid cells, and require that it is valid."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from scaffold_pipeline.artifacts.cells import CELL_TYPES
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.stages.contract import InputFile, Params, Unit, stage
 
-_REPAIR = "mend the mesh where it was made, or load its surface and use tetrahedralise"
+_REPAIR = "repair the mesh in another program, or load its surface and use tetrahedralise"
 _WORTH_A_WARNING = 0.1
-"""A dropped piece of this share of the volume kept is hardly debris."""
+"""Share of the kept volume above which a dropped piece is reported, as it is hardly debris."""
 _SAME_PLACE = 1e-6
-"""Share of the diagonal within which two vertices were meant to be one: single precision has 1e-7."""
+"""Share of the diagonal within which two vertices are taken as one: float32 has 1e-7."""
 _WRONG_ORDER = 0.5
-"""Share of cells with crossed faces above which they are no damage, of which `_warn_of_folds` tells: a crushed can had
-27 of 4,800."""
+"""Share of cells with crossed faces above which the order of corners is wrong; below, `_warn_of_folds` reports the
+cells as deformed: a crushed can had 27 of 4,800."""
 _AGREEMENT = 1e-6
-"""Share of the volume within which cells and boundary must agree; sound meshes do to 1e-13."""
+"""Greatest relative difference of the volumes of cells and boundary; valid meshes agree to 1e-13."""
 
 
 class LoadVolumeMeshParams(Params):
@@ -37,22 +37,22 @@ class LoadVolumeMeshParams(Params):
     """The volume mesh: VTU, legacy VTK, Gmsh MSH 1, 2 or 4, MEDIT (.mesh) or Abaqus (.inp)."""
 
     units: Literal["mm", "cm", "m", "inch"] | None = None
-    """What a length of 1 in the file means; required, as none of these formats says it."""
+    """Unit of lengths in the file; required, as none of these formats states it."""
 
     component: Literal["largest", "all"] = Field(default="largest")
-    """Which of the mesh's separate pieces to keep; cells belong together where they share a face."""
+    """Which of the mesh's separate pieces to keep; cells that share a face are connected."""
 
     merge: Annotated[float | None, Unit("mm")] = Field(default=None, ge=0.0)
-    """Distance up to which vertices become one, to close cracks between cells; left out, cracks are only told of."""
+    """Distance up to which vertices are merged, to close cracks between cells; by default cracks are only reported."""
 
 
 @stage(writes="mesh", version=2)
 def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
-    """Read tetrahedra, hexahedra, wedges and pyramids in mm, turn inverted cells, and refuse what is no sound mesh.
+    """Read tetrahedra, hexahedra, wedges and pyramids in mm, reorient inverted cells, and check the mesh.
 
-    Cells of higher order are reduced to their corners; repeated and flat cells go, by number in the notes. A
-    `StageError` tells of an unreadable file, an unknown unit, cells of other kinds, and of cells that overlap or do not
-    meet face to face. `extract_outer` makes the outer shape of it.
+    Cells of higher order are reduced to their corners; duplicate and flat cells are removed and counted in the notes.
+    Raises `StageError` for an unreadable file, an unknown unit, cells of other kinds, and cells that overlap or do not
+    meet face to face. `extract_outer` makes the outer shape of the mesh.
     """
     name = params.path.name
     content = read_volume(params.path)
@@ -64,7 +64,7 @@ def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
     kept, turned = _clean(vertices, kept, name, notes)
     faces = cells.faces(kept)
     _require_faces_match(vertices, kept, faces, name)
-    _tell_of_cracks(vertices, faces, name, notes)
+    _warn_of_cracks(vertices, faces, name, notes)
     kept = _chosen(vertices, kept, faces, params, notes)
     vertices, kept = cells.drop_unused_vertices(vertices, kept)
     _require_agreement(vertices, kept, name)
@@ -83,24 +83,24 @@ def load_volume_mesh(*, params: LoadVolumeMeshParams) -> VolumeMesh:
 
 
 def _scale_to_mm(content: VolumeFile, units: str | None, name: str) -> tuple[float, str]:
-    """Return the mm of one file unit, and a note of it."""
+    """Return the length of the file's unit, mm, and a note of it."""
     corners = np.concatenate([np.unique(of_kind) for of_kind in content.cells.values()])
     size = " x ".join(f"{length:.4g}" for length in np.ptp(content.vertices[corners], axis=0))
     if units is None:
         raise StageError(
-            f"{name}: the file does not say its unit; set `units` to mm, cm, m or inch "
+            f"{name}: the file does not state its unit; set `units` to mm, cm, m or inch "
             f"(the mesh measures {size} in the file)"
         )
     return MILLIMETRES[units], f"unit {units} (given), size {size} {units}"
 
 
-def _note(notes: list[str], number: int, said: str) -> None:
+def _note(notes: list[str], number: int, text: str) -> None:
     if number:
-        notes.append(said.format(number))
+        notes.append(text.format(number))
 
 
 def _drop_unused(vertices: Floats, given: Cells, notes: list[str]) -> tuple[Floats, Cells]:
-    """Drop the vertices that no cell has as a corner."""
+    """Remove the vertices that are not corners of a cell."""
     used, kept = cells.drop_unused_vertices(vertices, given)
     _note(notes, len(vertices) - len(used), "dropped {} points that are no corner of a cell")
     return used, kept
@@ -122,7 +122,7 @@ def _merge(vertices: Floats, given: Cells, distance: float | None, notes: list[s
 
 
 def _clean(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tuple[Cells, int]:
-    """Drop repeated and flat cells and turn inverted ones; return the cells and how many were turned."""
+    """Remove duplicate and flat cells and reorient inverted ones; return the cells and the number reoriented."""
     collapsed = int(cells.duplicate_vertex_cells(given).sum())
     if collapsed:
         raise StageError(
@@ -144,13 +144,13 @@ def _clean(vertices: Floats, given: Cells, name: str, notes: list[str]) -> tuple
     return kept, turned
 
 
-def _without(given: Cells, bad: Bools, said: str, notes: list[str]) -> Cells:
-    _note(notes, int(bad.sum()), said)
+def _without(given: Cells, bad: Bools, text: str, notes: list[str]) -> Cells:
+    _note(notes, int(bad.sum()), text)
     return cells.select_cells(given, ~bad)
 
 
 def _require_faces_match(vertices: Floats, kept: Cells, faces: Faces, name: str) -> None:
-    """Refuse cells that lie on the same side of the face they share, or more than two at one face: they overlap."""
+    """Require that cells do not overlap: at most two at a face, one on each side."""
     bad = np.unique(np.concatenate([faces.clashing.ravel(), faces.crowded]))
     if len(bad):
         only = np.zeros(cells.count(kept), dtype=bool)
@@ -158,25 +158,25 @@ def _require_faces_match(vertices: Floats, kept: Cells, faces: Faces, name: str)
         (corners,) = cells.select_cells(kept, only).values()
         at = vertices[corners[0]].mean(axis=0)
         raise StageError(
-            f"{name}: cells overlap: {len(faces.clashing)} pairs lie on the same side of the face that they share (one "
-            f"of them is inside out) and {len(faces.crowded)} cells are at a face of more than two; one of these "
+            f"{name}: cells overlap: {len(faces.clashing)} pairs are on the same side of the face that they share (one "
+            f"of them is inverted) and {len(faces.crowded)} cells are at a face of more than two; one of these "
             f"{len(bad)} cells is at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm; {_REPAIR}"
         )
 
 
-def _tell_of_cracks(vertices: Floats, faces: Faces, name: str, notes: list[str]) -> None:
-    """Warn of vertices of the boundary at the place of another: cells that touch there, but do not hang together."""
+def _warn_of_cracks(vertices: Floats, faces: Faces, name: str, notes: list[str]) -> None:
+    """Warn of coincident vertices of the boundary: cells that touch there, but are not connected."""
     on_boundary = vertices[np.unique(np.concatenate([faces.triangles.ravel(), faces.quadrangles.ravel()]))]
     distance = _SAME_PLACE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     double = cells.count_coincident_points(on_boundary, distance)
     if double:
-        said = f"{double} vertices of the boundary lie within {distance:.2g} mm of another"
-        notes.append(said)
-        warn(f"{name}: {said}: cells do not hang together there; set `merge: {distance:.2g}` to join them")
+        message = f"{double} vertices of the boundary lie within {distance:.2g} mm of another"
+        notes.append(message)
+        warn(f"{name}: {message}: cells are not connected there; set `merge: {distance:.2g}` to connect them")
 
 
 def _chosen(vertices: Floats, given: Cells, faces: Faces, params: LoadVolumeMeshParams, notes: list[str]) -> Cells:
-    """Keep the largest piece, unless all are asked for."""
+    """Keep the largest piece, or all if requested."""
     pieces = cells.pieces(faces.neighbours, cells.count(given))
     volumes = np.bincount(pieces, weights=cells.volumes(vertices, given))
     if params.component == "all" or len(volumes) == 1:
@@ -191,14 +191,14 @@ def _chosen(vertices: Floats, given: Cells, faces: Faces, params: LoadVolumeMesh
     )
     if next_one > _WORTH_A_WARNING * largest:
         warn(
-            f"{params.path.name}: dropped a piece of {next_one:.6g} mm^3 beside the largest of {largest:.6g} mm^3 "
-            "(cells hang together where they share a face); set `component: all` to keep every piece"
+            f"{params.path.name}: dropped a piece of {next_one:.6g} mm^3; the largest, kept, has {largest:.6g} mm^3 "
+            "(cells that share a face are connected); set `component: all` to keep every piece"
         )
     return cells.select_cells(given, kept)
 
 
 def _require_agreement(vertices: Floats, kept: Cells, name: str) -> None:
-    """Require that the boundary encloses what the cells fill."""
+    """Require that the boundary encloses the volume of the cells."""
     filled = float(cells.volumes(vertices, kept).sum())
     enclosed = boundary.enclosed_volume(vertices, cells.faces(kept))
     if abs(enclosed - filled) > _AGREEMENT * filled:
@@ -211,6 +211,6 @@ def _require_agreement(vertices: Floats, kept: Cells, name: str) -> None:
 def _warn_of_folds(folded: int, number: int, name: str) -> None:
     if folded:
         warn(
-            f"{name}: {folded} of {number} cells are folded: a part of each cannot be seen from its centre, and "
-            "channels may leave it there"
+            f"{name}: {folded} of {number} cells are folded: a part of each is not visible from its centre, and "
+            "channels may leave the cell there"
         )

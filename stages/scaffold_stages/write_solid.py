@@ -1,6 +1,6 @@
-"""Stage `write_solid`: the solid in files that others print and look at, each read back and checked, and a picture.
+"""Stage `write_solid`: write the solid to files for printing and viewing, each read back and checked, and a picture.
 
-Files get their names when all are found good; until then they lie in a folder of their own within `out`.
+Files get their names after all checks have passed; until then they are in a temporary folder in `out`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scaffold_pipeline.runs.store import hash_file
 from scaffold_pipeline.stages.contract import EachOnce, Params, Title, stage
 
 COARSE_STEP = 1e-3
-"""Where neighbouring float32 numbers lie at least so far apart, mm, from 8.2 m on, the user is told."""
+"""Distance of neighbouring float32 numbers, mm, above which a warning is given: from 8.2 m on."""
 
 Format = Literal["stl", "3mf", "obj", "ply", "glb"]
 
@@ -41,16 +41,16 @@ class WriteSolidParams(Params):
     """Title in the 3MF and GLB files."""
 
     colour: str = Field(default="#E3DAC9", pattern="^#[0-9A-Fa-f]{6}$")
-    """Colour in the 3MF and GLB files, "#RRGGBB" in quotes, as # begins a comment in YAML; by default that of bone."""
+    """Colour in the 3MF and GLB files, "#RRGGBB", in quotes as # starts a comment in YAML; by default that of bone."""
 
     preview: bool = True
     """Whether to draw `preview.png`."""
 
     void: bool = False
-    """Whether the pore space is written too, `void.stl` and so on in the same formats, for casting or flow."""
+    """Whether to write the pore space too, `void.stl` and so on in the same formats, for casting or flow."""
 
 
-DRAWINGS = (Drawing("preview.png", "Solid", "As it is written to the files.", "lead"),)
+DRAWINGS = (Drawing("preview.png", "Solid", "Of the solid in the files.", "lead"),)
 
 
 @stage(
@@ -68,15 +68,15 @@ def write_solid(
 ) -> WrittenFiles:
     """Write the solid as STL, 3MF, OBJ, PLY or GLB, each file read back by two programs and checked, and draw it.
 
-    Where asked for, also the pore space within `outer` in the same formats. Position and axes are kept, and coordinates
-    are mm in float32, the same in all files. The 3MF file names `config_hash`, the hash of the configuration that the
-    solid comes from; OBJ, PLY and GLB do so in a comment. Raises `StageError` where a file is not closed, manifold,
-    outward, free of self-intersections and to the bit the solid, or has another volume, other pieces or closed pores;
-    no file is then kept. A picture that cannot be drawn is a `PipelineWarning`.
+    Optionally also the pore space within `outer`, in the same formats. Position and axes are kept, and coordinates are
+    mm in float32, the same in all files. The 3MF file has the configuration's hash, `config_hash`, as metadata; OBJ,
+    PLY and GLB have it in a comment. Raises `StageError` if the mesh in a file is not closed, manifold, outward, free
+    of self-intersections and equal to the solid to the bit, or has another volume, other pieces or closed pores; no
+    file is then kept. Warns if the picture cannot be drawn.
     """
     if params.void and outer is None:
         raise StageError(
-            "void: needs the outer shape, which no stage before this one writes to slot 'outer'; name its slot with "
+            "void: needs the outer shape, but no earlier stage writes to slot 'outer'; name its slot with "
             "`from: {outer: NAME}`, or set void off"
         )
     mesh = round_to_float32(solid)
@@ -96,7 +96,7 @@ def write_solid(
 
 
 def _write_surface(name: str, body: Solid, model: Model, formats: tuple[Format, ...], folder: Path) -> dict[str, Fact]:
-    """Write a body in each format as the file `name`; return what the files hold."""
+    """Write a body in each format as the file `name`; return facts of the files."""
     verifier = FileVerifier(model.mesh, expect_solid(body))
     facts: dict[str, Fact] = {}
     for kind in formats:
@@ -107,7 +107,7 @@ def _write_surface(name: str, body: Solid, model: Model, formats: tuple[Format, 
 
 
 def _write_void(space: PoreSpace, model: Model, formats: tuple[Format, ...], folder: Path) -> dict[str, Fact]:
-    """Write the pore space in each format; return what the files hold."""
+    """Write the pore space in each format; return facts of the files."""
     mesh = mesh_of_corners(to_single(space.body.vertices)[space.body.faces])
     of_void = replace(model, mesh=mesh, title=f"{model.title}, pore space")
     facts = _write_surface("void", space.body, of_void, formats, folder)
@@ -120,12 +120,12 @@ def _write_void(space: PoreSpace, model: Model, formats: tuple[Format, ...], fol
 
 
 def _coordinate_step(mesh: Mesh) -> float:
-    """Return the distance of neighbouring float32 numbers at the farthest vertex, mm; a warning where it is coarse."""
+    """Return the distance of neighbouring float32 numbers at the farthest vertex, mm; warns if it is coarse."""
     farthest = np.abs(mesh.vertices).max()
     step = float(np.spacing(farthest))
     if step > COARSE_STEP:
         warn(
-            f"the solid reaches {farthest:.0f} mm from the origin, where the files' float32 coordinates lie {step:.2g} "
+            f"the solid reaches {farthest:.0f} mm from the origin, where the files' float32 coordinates are {step:.2g} "
             "mm apart; move the outer shape nearer to the origin for finer ones"
         )
     return step

@@ -265,7 +265,7 @@ def test_a_run_is_pickled_as_a_way_to_its_folder(project):  # noqa: ARG001
     assert np.array_equal(pickle.loads(pickle.dumps(kept))["points"].places, kept["points"].places)  # noqa: S301 - our own
     copy = pickle.loads(pickle.dumps(sp.run(config())))  # noqa: S301 - our own
     gc.collect()
-    with pytest.raises(sp.PipelineError, match="lives as long as the Run that `run` gave; give out=FOLDER"):
+    with pytest.raises(sp.PipelineError, match="is removed with the Run that `run` returned; give out=FOLDER"):
         copy["points"]
 
 

@@ -55,7 +55,7 @@ def test_blas_has_one_thread_as_in_a_run(points):
             (1, 2),
             {"points": 1},
             (
-                "scatter_points: points: is given twice, by position and by name\nscatter_points: points: must "
+                "scatter_points: points: is given both by position and by name\nscatter_points: points: must "
                 "be a Points, got an int\nscatter_points: takes 1 by position (points), got 2; give parameters "
                 "by name"
             ),

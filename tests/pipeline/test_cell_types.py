@@ -144,7 +144,7 @@ def test_cells_on_the_same_side_of_a_face_are_found_and_those_on_either_side_are
     above, higher, below = [0, 1, 2, 3], [0, 1, 2, 4], [0, 2, 1, 5]
     assert list(mesh_faults(vertices[[0, 1, 2, 3, 5]], {"tetrahedron": np.array([above, [0, 2, 1, 4]])})) == []
     (fault,) = mesh_faults(vertices, {"tetrahedron": np.array([above, higher, below])})
-    assert "but 1 have more (the first is that of vertices 0, 2, 1); drop cells that are doubled" in fault
+    assert "but 1 have more (the first is that of vertices 0, 2, 1); remove duplicate or overlapping cells" in fault
 
 
 def test_rows_too_wide_for_one_integer_are_still_grouped():

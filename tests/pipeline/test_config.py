@@ -189,7 +189,7 @@ def test_a_file_that_may_not_be_read_is_a_fault(project: Project, monkeypatch: p
     assert plan_of(config)
     monkeypatch.setattr("os.access", lambda *_: False)
     (fault,) = faults_of(config)
-    assert "may not be read" in fault
+    assert "cannot be read" in fault
 
 
 def test_a_path_in_a_config_is_relative_to_the_config(project: Project):

@@ -183,11 +183,11 @@ def test_the_check_names_every_rule_that_a_stage_breaks(install: Callable[..., N
     faults = [line.removeprefix("stage 'untidy': ") for line in str(caught.value).splitlines()]
     assert faults == [
         "the first line of its docstring must be a sentence, got 'do things'",
-        "writes: a slot is named by lower-case letters, digits and underscores, got 'My Slot'",
-        "version: counts from 1, got 0",
-        "argument 'metrics' must be one that can be given by keyword",
-        "Untidy must stay frozen and forbid what it does not know",
-        "parameter 'use' has the name of a word of the config; rename it",
+        "writes: a slot's name must have lower-case letters, digits and underscores only, got 'My Slot'",
+        "version: must be 1 or more, got 0",
+        "argument 'metrics' must be usable as a keyword",
+        "Untidy must be frozen and forbid unknown parameters",
+        "parameter 'use' has the name of a key of the config; rename it",
         "parameter 'use' needs a docstring",
         "parameter 'length' needs a docstring",
         "parameter 'length' needs a Unit, as in Annotated[float, Unit('mm')]",

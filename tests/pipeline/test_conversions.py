@@ -101,7 +101,7 @@ def test_a_mesh_that_is_not_in_mm_is_refused():
 
 def test_an_open_or_inside_out_outer_shape_is_refused_with_the_remedy():
     box = trimesh.creation.box()
-    with pytest.raises(sp.StageError, match=r"must be closed, .* but 3 of 33 sides have none"):
+    with pytest.raises(sp.StageError, match=r"must be closed and .* but 3 of 33 triangle sides have no neighbour"):
         sp.OuterShape(box.vertices, box.faces[1:])
     with pytest.raises(sp.StageError, match=r"face inward: turn them, as in faces\[:, ::-1\]"):
         sp.OuterShape(box.vertices, box.faces[:, ::-1])

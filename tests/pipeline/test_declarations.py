@@ -147,5 +147,5 @@ def test_declarations_are_the_same_after_json():
 
 def test_a_gate_whose_switch_is_no_parameter_is_an_error(install: Callable[..., None]):
     install("curves", THIRD_PARTY.replace('"gate_hollow")', '"gate_holow")'), "curve")
-    with pytest.raises(StageDefinitionError, match="gate 'hollow' is switched by 'gate_holow', which is no parameter"):
+    with pytest.raises(StageDefinitionError, match="gate 'hollow' is switched by 'gate_holow', which is not one of"):
         load_stage("curve")

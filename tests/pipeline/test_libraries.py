@@ -130,7 +130,7 @@ def test_declared_libraries_are_added_to_those_that_are_imported(install: Callab
 @pytest.mark.usefixtures("project")
 def test_a_declared_library_that_is_not_installed_is_refused_when_the_stage_is_loaded(install: Callable[..., None]):
     install("amiss_package", STAGE.format(name="amiss", more=", libraries=['no_such']", body="pass"), "amiss")
-    with pytest.raises(StageDefinitionError, match="stage 'amiss': the library 'no_such' that it declares is not"):
+    with pytest.raises(StageDefinitionError, match="stage 'amiss': its declared library 'no_such' is not"):
         load_stage("amiss")
 
 

@@ -16,10 +16,10 @@ from scaffold_pipeline.errors import StageError
         ),
         (
             lambda: Histogram("a", "A", "mm", np.array([0.0, 0.0]), np.zeros(1)),
-            "Histogram.edges: must rise, those of a",
+            "Histogram.edges: must be ascending, those of a",
         ),
         (lambda: Curve("b", "B", "x", "y", np.array([0.0, 1.0]), np.zeros(3)), r"Curve.y: must have shape \(2,\)"),
-        (lambda: Curve("b", "B", "x", "y", np.array([1.0, 0.0]), np.zeros(2)), "Curve.x: must rise, that of b"),
+        (lambda: Curve("b", "B", "x", "y", np.array([1.0, 0.0]), np.zeros(2)), "Curve.x: must be ascending, that of b"),
         (lambda: Finding("c", "C", np.zeros((1, 2))), r"Finding.places: must have shape \('n', 3\)"),
         (lambda: Metrics({}, strut_thickness=np.array([np.nan])), "Metrics.strut_thickness: must be finite"),
     ],

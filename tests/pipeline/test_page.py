@@ -248,7 +248,7 @@ def test_without_a_picture_or_a_view_the_page_says_so_and_how_to_have_one():
     text = render_page(Sources({**RECORD, "declared": None, "stages": [STAGE, {**STAGE, "slot": "solid"}]}, METRICS))
 
     assert "No picture was drawn" in text
-    assert "the stage draw_solid , last in a config, makes one" in words(text)
+    assert "the stage draw_solid , at the end of a config, adds one" in words(text)
     assert "<img" not in text
     assert 'id="view-canvas"' not in text
 
@@ -273,7 +273,9 @@ def test_a_view_that_is_damaged_costs_the_view_alone():
 
 
 def test_the_view_says_that_it_is_simplified():
-    assert "8 triangles are shown of 5 000 000; the files have all of them" in words(page(view=view_file(5_000_000)))
+    assert "Simplified for this page to 8 of 5 000 000 triangles; the files have all of them" in words(
+        page(view=view_file(5_000_000))
+    )
     assert "All 8 triangles are shown" in words(page(view=view_file(8)))
 
 
@@ -389,14 +391,14 @@ def test_the_window_shows_the_iso_value_between_its_ends():
 @pytest.mark.parametrize(
     ("change", "judgement"),
     [
-        ({"iso": 0.7}, "lies 0.19 above strut_min, so struts are broken."),
-        ({"iso": -0.9}, "lies 0.07 below channel_max, so channels are closed."),
+        ({"iso": 0.7}, "is 0.19 above strut_min, so some struts are broken."),
+        ({"iso": -0.9}, "is 0.07 below channel_max, so some channels are closed."),
         (
             {"iso": 0.0, "channel_max": 0.1, "strut_min": -0.1},
-            "lies 0.1 below channel_max, so channels are closed and 0.1 above strut_min, so struts are broken.",
+            "is 0.1 below channel_max, so some channels are closed and 0.1 above strut_min, so some struts are broken.",
         ),
-        ({"iso": None}, "promise before any voxel"),
-        ({"iso": 6.0, "strut_min": 5.0}, "lies 1 above strut_min"),
+        ({"iso": None}, "The certificate of the field, computed before any voxel."),
+        ({"iso": 6.0, "strut_min": 5.0}, "is 1 above strut_min"),
     ],
 )
 def test_the_window_says_on_which_side_the_iso_value_is(change: dict[str, Any], judgement: str):

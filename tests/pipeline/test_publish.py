@@ -282,7 +282,7 @@ def test_a_picture_that_is_not_that_of_the_record_is_left_out_and_named(project:
     harm(OUT / "preview.png", how)
     assert project.command("report", OUT).code == 0
     text = (OUT / "report.html").read_text()
-    assert "Left out, as they are not the files that the run wrote: <ul><li>preview.png</li></ul>" in text
+    assert "Left out, as these files have changed since the run: <ul><li>preview.png</li></ul>" in text
 
 
 def test_a_page_that_is_made_again_is_not_put_into_a_directory_that_a_run_holds(project: Project):

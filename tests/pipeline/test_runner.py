@@ -93,7 +93,7 @@ def test_a_run_is_judged_where_one_of_those_that_measured_judges(project: Projec
 @pytest.mark.parametrize(
     ("second", "names"),
     [
-        ("{use: span_points, key: points}", "span_points: measures points, which count_points has measured too; leave"),
+        ("{use: span_points, key: points}", "span_points: measures points, which count_points also measures; remove"),
         ("{use: span_points, as: again, key: other}", "again: measures the histogram gaps, the curve order, the thick"),
         ("{use: span_points, as: again}", "again: measures length, the histogram gaps, the curve order, the thickness"),
     ],
@@ -226,7 +226,7 @@ def test_a_file_that_changes_while_it_is_read_stores_nothing(project: Project, m
         monkeypatch.setattr(
             module, "input_files", lambda step: {"path": next(contents)} if "path" in vars(step.params) else {}
         )
-    with pytest.raises(StageError, match="read_points: a file that it reads was changed meanwhile; run again"):
+    with pytest.raises(StageError, match="read_points: an input file was changed during the run; run again"):
         project.execute(READ)
     assert not list((OUT / ".store" / "results").iterdir())
 
@@ -295,10 +295,10 @@ def test_warnings_of_a_stage_are_kept_and_told_again_when_it_is_reused(project: 
         ("stage_error", StageError, "fail: the points are too few, 4; give more"),
         ("error", StageError, "fail: failed unexpectedly: ValueError: two lines; --debug shows where"),
         ("memory", MemoryShortageError, "fail: ran out of memory; use larger voxels or cells"),
-        ("other_type", StageDefinitionError, "fail: returned a Metrics, but its annotation promises a Points"),
+        ("other_type", StageDefinitionError, "fail: returned a Metrics, but its annotation is Points"),
         ("nan", StageDefinitionError, "fail: the facts of its Odd cannot be stored as JSON: Out of range float values"),
         ("int64", StageDefinitionError, "fail: the facts of its Odd cannot be stored as JSON: Object of type int64"),
-        ("folder", StageDefinitionError, "fail: `out` may hold plain files, not called config.yaml, measures.json"),
+        ("folder", StageDefinitionError, "fail: `out` may hold only plain files, not named config.yaml, measures.json"),
     ],
 )
 def test_a_failure_is_one_line_that_names_the_stage(
@@ -326,7 +326,7 @@ def test_a_stage_may_not_write_the_engine_s_own_files(project: Project, name: st
 def test_two_stages_may_not_write_the_same_file(project: Project):
     text = "stages: [{use: make_points}, {use: write_points}, {use: write_points, as: other}]"
     for _ in range(2):
-        with pytest.raises(StageError, match=r"other: writes points.txt, which write_points has written too"):
+        with pytest.raises(StageError, match=r"other: writes points.txt, which write_points also writes"):
             project.execute(text)
 
 

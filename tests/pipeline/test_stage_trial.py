@@ -115,17 +115,17 @@ def test_a_sound_stage_passes_whatever_it_takes(install: Install):
     ("body", "fault"),
     [
         ("return Points(np.random.uniform(size=(1, 3)))", "uses numpy's global random numbers; use `rng` alone"),
-        ("return Points(np.full((1, 3), random.random()))", "called twice alike, it gives another Points; draw random"),
-        ("os.chdir('..'); return points", "changes the working directory; pass paths to what it calls instead"),
+        ("return Points(np.full((1, 3), random.random()))", "two equal calls give a different Points; draw random"),
+        ("os.chdir('..'); return points", "changes the working directory; use paths instead"),
         ("Path('a.txt').touch(); return points", "writes a.txt into the working directory; use `out`"),
         ("tempfile.mkdtemp(prefix='a-'); return points", "leaves a-"),
         ("warnings.warn('oh'); return points", "warns UserWarning in tried_package.py:"),
         ("np.log(np.zeros(1)); return points", "warns RuntimeWarning in tried_package.py:"),
-        ("return Metrics({})", "returned a Metrics, but its annotation promises a Points"),
-        ("return Counted(points.places)", "its Counted cannot be stored and brought back: "),
-        ("return Told(points.places, {'a': np.int64(3)})", "its Told cannot be stored and brought back: "),
-        ("return Told(points.places, {'a': float('nan')})", "its Told cannot be stored and brought back: "),
-        ("return Noted(points.places)", "the array 'places' of its Noted can be written to; call `own_array` in"),
+        ("return Metrics({})", "returned a Metrics, but its annotation is Points"),
+        ("return Counted(points.places)", "its Counted cannot be stored and loaded: "),
+        ("return Told(points.places, {'a': np.int64(3)})", "its Told cannot be stored and loaded: "),
+        ("return Told(points.places, {'a': float('nan')})", "its Told cannot be stored and loaded: "),
+        ("return Noted(points.places)", "the array 'places' of its Noted is writable; call `own_array` in"),
     ],
 )
 def test_a_stage_that_does_what_it_must_not_is_told_so(install: Install, body: str, fault: str):
@@ -138,7 +138,7 @@ def test_another_result_at_the_second_call_is_told_unless_it_is_declared(install
     body = "CALLS.append(1)\nreturn Points(np.full((1, 3), len(CALLS)))"
     install_stage(install, body)
     remedy = "draw random numbers from `rng` alone, order sets, or declare it repeatable=False"
-    assert faults() == [f"called twice alike, it gives another Points; {remedy}"]
+    assert faults() == [f"two equal calls give a different Points; {remedy}"]
     install_stage(install, body, options=", repeatable=False")
     check_stage("tried", inputs={"points": points()})
 
@@ -147,20 +147,20 @@ def test_another_file_at_the_second_call_is_told(install: Install):
     body = "CALLS.append(1)\n(out / f'{len(CALLS)}.txt').touch()\n(out / 'same.txt').touch()\nreturn points"
     install_stage(install, body, arguments=", out: Path")
     assert [fault.partition(";")[0] for fault in faults()] == [
-        "called twice alike, it gives another file 1.txt",
-        "called twice alike, it gives another file 2.txt",
+        "two equal calls give a different file 1.txt",
+        "two equal calls give a different file 2.txt",
     ]
 
 
 def test_a_result_that_depends_on_who_helps_is_told(install: Install):
     body = "return Points(np.full((1, 3), 1.0 if executor else 2.0))"
     install_stage(install, body, arguments=", executor: Executor | None = None")
-    assert faults()[0].startswith("called twice alike, it gives another Points")
+    assert faults()[0].startswith("two equal calls give a different Points")
 
 
 def test_a_result_with_more_than_its_fields_is_told(install: Install):
     install_stage(install, "made = Aware(points.places)\nobject.__setattr__(made, 'name', 'a')\nreturn made")
-    assert faults() == ["its Aware is another one when it comes back from the store; make all of it of its fields"]
+    assert faults() == ["its Aware differs when loaded from the store; keep all its state in its fields"]
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,7 @@ def test_a_changed_input_is_told(install: Install, change: str):
     install_stage(install, f"{change}\nreturn Points(np.zeros((1, 3)))", kind="Block")
     make_block = load_stage("make_block")
     block = make_block.function(params=make_block.params(log=os.devnull))
-    assert faults(inputs={"points": block}) == ["changes its input 'points'; make another artifact instead"]
+    assert faults(inputs={"points": block}) == ["changes its input 'points'; return a new artifact instead"]
 
 
 def test_files_outside_are_told_wherever_python_changes_them(install: Install, tmp_path: Path):
@@ -206,9 +206,9 @@ def test_inputs_and_parameters_that_do_not_fit_are_told(install: Install):
     assert faults(inputs={}) == ["needs the input 'points', a Block, to be run; give it in `inputs`"]
     assert faults(inputs={"points": points(), "other": points()}) == [
         "the input 'points' must be a Block, got a Points",
-        "reads no 'other', which is among the inputs given",
+        "does not read the given input 'other'",
     ]
-    with pytest.raises(StageDefinitionError, match=r"(?s)the parameters given are refused: .*least"):
+    with pytest.raises(StageDefinitionError, match=r"(?s)the given parameters are invalid: .*least"):
         check_stage("count_points", inputs={"points": points()}, params={"least": "many"})
     with pytest.raises(StageDefinitionError) as caught:
         check_stage("count_points", inputs={"points": points()}, params={"lest": 1})

@@ -95,7 +95,7 @@ def test_crumbs_and_small_closed_pores_go_and_are_counted_and_large_ones_stay():
 
 def test_a_share_that_no_piece_has_is_refused_with_the_greatest():
     surface = porous(*(box((20.0 * i, 0.0, 0.0), (20.0 * i + 1.0, 1.0, 1.0)) for i in range(4)))
-    with pytest.raises(StageError, match=r"^min_piece 0.3: every one of 4 pieces is smaller, the greatest has 0.25 of"):
+    with pytest.raises(StageError, match=r"^min_piece 0.3: every one of 4 pieces is smaller, the largest has 0.25 of"):
         cleaned(surface, min_piece=0.3)
 
 
@@ -282,7 +282,7 @@ def test_a_larger_error_leaves_fewer_triangles():
 def test_without_its_filters_meshlab_is_missing_system_libraries(monkeypatch: pytest.MonkeyPatch):
     few = SimpleNamespace(filter_list=lambda: ["meshing_invert_face_orientation"])
     monkeypatch.setitem(sys.modules, "pymeshlab", few)
-    with pytest.raises(StageError, match=r"without its filter apply_coord.*apt-get install libgl1 libopengl0\)$"):
+    with pytest.raises(StageError, match=r"has no filter apply_coord.*apt-get install libgl1 libopengl0\)$"):
         smooth_with_meshlab(*box((0, 0, 0), (1, 1, 1)), 1)
 
 

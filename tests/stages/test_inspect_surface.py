@@ -85,7 +85,7 @@ def test_a_search_that_does_not_end_leaves_none_and_says_so(tmp_path: Path, monk
 def test_a_file_without_triangles_is_an_error(tmp_path: Path):
     path = tmp_path / "points.obj"
     path.write_text("v 0 0 0\n")
-    with pytest.raises(StageError, match=r"points\.obj: holds no triangles"):
+    with pytest.raises(StageError, match=r"points\.obj: has no triangles"):
         inspected(path)
 
 

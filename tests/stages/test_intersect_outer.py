@@ -183,7 +183,7 @@ def test_a_porous_surface_beside_the_outer_shape_leaves_nothing():
 
 
 def test_a_skin_as_thick_as_the_shape_is_refused():
-    with pytest.raises(StageError, match=r"^skin 3.1 mm: the outer shape is nowhere so thick"):
+    with pytest.raises(StageError, match=r"^skin 3.1 mm: fills the whole outer shape"):
         clipped(gyroid_surface(BOX), skin=3.1)
 
 

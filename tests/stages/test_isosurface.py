@@ -89,7 +89,7 @@ def test_with_a_skin_the_porosity_is_that_of_the_whole(skin: float):
 def test_a_porosity_that_a_skin_leaves_no_room_for_is_refused_with_the_greatest_possible():
     with pytest.raises(StageError, match=r"^porosity 0.6: a skin of 1 mm leaves at most 0.57\d; lower one of them$"):
         found(porosity=0.6, skin=1.0)
-    with pytest.raises(StageError, match=r"^skin 7 mm: the outer shape is nowhere so thick"):
+    with pytest.raises(StageError, match=r"^skin 7 mm: fills the whole outer shape"):
         found(porosity=0.3, skin=7.0)
 
 
@@ -142,7 +142,7 @@ def test_closed_pores_that_the_clip_keeps_count_as_pores():
 
 def test_a_porosity_that_no_iso_gives_is_answered_by_the_nearest_and_a_warning():
     field, outer = closed_pores(2.0)
-    with pytest.warns(PipelineWarning, match=r"^porosity 0.1: no iso gives it; the nearest found has 0.\d+ at iso"):
+    with pytest.warns(PipelineWarning, match=r"^porosity 0.1: no iso-value gives it; the nearest is 0.\d+ at iso"):
         surface = found(field, outer, porosity=0.1, fill=True)
     require_closed(surface.vertices, surface.faces)
     assert surface.facts["rounds"] == 12

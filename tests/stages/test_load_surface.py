@@ -174,7 +174,7 @@ def test_any_file_may_be_said_to_have_y_up(tmp_path: Path):
 def test_coordinates_that_no_body_has_are_refused_with_the_number(tmp_path: Path, name: str):
     far = np.where(CORNERS > 3, 3e38, CORNERS)
     content = {"stl": as_binary_stl, "off": as_off, "obj": as_obj, "ply": as_ply}[name[-3:]](far, FACES)
-    with pytest.raises(StageError, match=r"a vertex lies 3e\+38 mm from the origin; check `units`"):
+    with pytest.raises(StageError, match=r"a vertex is 3e\+38 mm from the origin; check `units`"):
         loaded(written(tmp_path / name, content))
 
 
@@ -183,19 +183,19 @@ def test_anatomical_axes_that_a_header_names_are_facts_of_the_shape(tmp_path: Pa
     content = f"3D Slicer output. SPACE={space}".encode().ljust(80) + as_binary_stl(CORNERS, FACES)[80:]
     outer = loaded(written(tmp_path / "cube.stl", content))
     assert outer.summary()["space"] == space
-    assert any(f"its coordinates are {space} by its own word, taken as they are" in note for note in outer.notes)
+    assert any(f"its header gives the axes as {space}; the coordinates are not changed" in note for note in outer.notes)
     assert "space" not in loaded(written(tmp_path / "cube.off", as_off(CORNERS, FACES))).summary()
 
 
 def test_the_unit_given_wins_over_the_files_with_a_warning(tmp_path: Path):
     write_3mf(tmp_path / "cube.3mf", CORNERS, FACES, "inch")
-    with pytest.warns(PipelineWarning, match="the file says its unit is inch, `units` says mm: taken as mm"):
+    with pytest.warns(PipelineWarning, match="the file's unit is inch, but `units` is mm: mm is used"):
         assert loaded(tmp_path / "cube.3mf").volume == pytest.approx(64.0)
 
 
 def test_a_file_without_a_unit_needs_one(tmp_path: Path):
     path = written(tmp_path / "cube.off", as_off(CORNERS, FACES))
-    with pytest.raises(StageError, match=r"does not say its unit; set `units` to mm, cm, m or inch .*4 x 4 x 4"):
+    with pytest.raises(StageError, match=r"does not state its unit; set `units` to mm, cm, m or inch .*4 x 4 x 4"):
         loaded(path, units=None)
 
 
@@ -228,7 +228,7 @@ def test_inverted_and_mixed_windings_are_turned_outward(tmp_path: Path):
         faces[list(turned)] = faces[list(turned)][:, ::-1]
         outer = loaded(written(tmp_path / "cube.off", as_off(CORNERS, faces)))
         assert outer.volume == pytest.approx(64.0)
-        assert any("turned" in note for note in outer.notes)
+        assert any("reoriented" in note for note in outer.notes)
 
 
 def test_what_is_superfluous_is_dropped_by_number(tmp_path: Path):
@@ -252,7 +252,7 @@ def test_the_largest_piece_is_kept_and_the_rest_named(tmp_path: Path):
     )
     outer = loaded(path)
     assert outer.volume == pytest.approx(64.0)
-    assert "kept the largest of 2 pieces (64 mm^3) and dropped 1 (12 triangles, the greatest 1 mm^3)" in outer.notes
+    assert "kept the largest of 2 pieces (64 mm^3) and dropped 1 (12 triangles, the largest 1 mm^3)" in outer.notes
     assert loaded(path, component="all").volume == pytest.approx(65.0)
 
 
@@ -273,7 +273,7 @@ def test_a_cavity_stays_a_cavity_even_in_an_inverted_file(tmp_path: Path, step: 
 def test_a_body_inside_a_body_is_refused(tmp_path: Path):
     corners = np.vstack([CORNERS, CORNERS / 4 + 1.5])
     path = written(tmp_path / "nested.off", as_off(corners, np.vstack([FACES, FACES + 8])))
-    with pytest.raises(StageError, match="1 of 2 pieces lie inside another and face the same way"):
+    with pytest.raises(StageError, match="1 of 2 pieces are inside another with the same orientation"):
         loaded(path, component="all")
 
 
@@ -300,14 +300,14 @@ def klein_bottle(n: int = 4):
 
 def test_a_surface_of_one_side_is_refused(tmp_path: Path):
     places = np.random.default_rng(0).random((16, 3)) * 9
-    refused_as_it_is(written(tmp_path / "klein.off", as_off(places, klein_bottle())), "it has one side only")
+    refused_as_it_is(written(tmp_path / "klein.off", as_off(places, klein_bottle())), "it is not orientable")
 
 
 def test_a_surface_that_passes_through_itself_is_refused(tmp_path: Path):
     dented = CORNERS.copy()
     dented[7] = (-2.0, 1.0, 2.0)
     path = written(tmp_path / "dented.off", as_off(dented, FACES))
-    refused_as_it_is(path, r"passes through itself: \d+ triangles intersect others .*; set `repair: safe`")
+    refused_as_it_is(path, r"intersects itself: \d+ triangles intersect others .*; set `repair: safe`")
 
 
 def test_a_closed_sheet_is_refused(tmp_path: Path):
@@ -319,16 +319,16 @@ def test_a_closed_sheet_is_refused(tmp_path: Path):
 
 HTML = "<!DOCTYPE html><html><body>404</body></html>\n"
 DAMAGED = {
-    "unknown.step": ("ISO-10303-21;", r"cannot read files called \.step; export the surface as one of \.3mf, \.glb"),
+    "unknown.step": ("ISO-10303-21;", r"cannot read files of type \.step; export the surface as one of \.3mf, \.glb"),
     "zero.stl": ("", r"zero\.stl: is an empty file \(0 bytes\)"),
     "lying.stl": (as_binary_stl(CORNERS, FACES, announced=20), r"684 bytes, where its header announces 1084 \(20 tri"),
-    "short.stl": (as_binary_stl(CORNERS, FACES)[:300], "damaged one: 300 bytes, where its header announces 684"),
-    "none.stl": (as_binary_stl(CORNERS, FACES[:0]), "holds no triangles"),
+    "short.stl": (as_binary_stl(CORNERS, FACES)[:300], "damaged: 300 bytes, where its header announces 684"),
+    "none.stl": (as_binary_stl(CORNERS, FACES[:0]), "has no triangles"),
     "nan.stl": (as_binary_stl(np.where(CORNERS > 3, np.nan, 0.0), FACES), "of 36 vertices are NaN or infinite"),
     "cut.stl": (as_ascii_stl(CORNERS, FACES)[:-200], "ASCII STL is cut off or damaged"),
-    "words.stl": (as_ascii_stl(CORNERS, FACES).replace("4.0", "four"), "a vertex is not three numbers"),
-    "page.stl": (HTML, "is no STL file or a damaged one"),
-    "page.obj": (HTML, r"holds no triangles \(it begins with '<!DOCTYPE html"),
+    "words.stl": (as_ascii_stl(CORNERS, FACES).replace("4.0", "four"), "a vertex must be three numbers"),
+    "page.stl": (HTML, "is not an STL file, or damaged"),
+    "page.obj": (HTML, r"has no triangles \(it begins with '<!DOCTYPE html"),
     "nan.obj": (as_obj(CORNERS, FACES).replace("4.0", "nan"), "7 of 8 vertices are NaN or infinite"),
     "range.obj": (
         as_obj(CORNERS, FACES) + "f 1 2 99\n",
@@ -340,10 +340,10 @@ DAMAGED = {
     "page.off": (HTML, "is not an ASCII OFF file"),
     "lying.off": (as_off(CORNERS, FACES).replace("8 12", "8 14"), "announces 8 vertices and 14 faces, but 20 rows"),
     "lacking.off": (as_off(CORNERS, FACES).replace("3 0 2 3", "4 0 2 3"), "fewer corners than it announces"),
-    "worded.off": (as_off(CORNERS, FACES).replace("3 0 2 3", "3 0 2 x"), "is no whole number"),
+    "worded.off": (as_off(CORNERS, FACES).replace("3 0 2 3", "3 0 2 x"), "is not a whole number"),
     "page.ply": (HTML, "is not a PLY file"),
     "cut.ply": (as_ply(CORNERS, FACES)[:-30], "announces 20 rows, but 17 follow"),
-    "points.ply": (as_ply(CORNERS, FACES[:0]), "holds no triangles"),
+    "points.ply": (as_ply(CORNERS, FACES[:0]), "has no triangles"),
     "page.3mf": (HTML, "cannot be read as 3MF"),
     "page.glb": (HTML, "cannot be read as GLB"),
     "page.vtk": (HTML, "VTK says: Unrecognized file type"),
@@ -367,7 +367,7 @@ def test_an_inverted_left_patella_loads_outward():
     outer = loaded(DATA / "anatomy" / "bmf_PatellaL.stl", units="m")
     np.testing.assert_allclose(np.ptp(outer.bounds, axis=0), [26.07, 45.32, 46.38], atol=0.01)
     assert outer.volume == pytest.approx(23461, rel=1e-3)
-    assert "turned 1 pieces that faced the wrong way" in outer.notes
+    assert "reoriented 1 pieces that faced the wrong way" in outer.notes
 
 
 @pytest.mark.skipif(not DATA.is_dir(), reason="the shared data is not beside this checkout")
@@ -376,8 +376,8 @@ def test_an_inverted_left_patella_loads_outward():
     [
         ("cgal_cow.off", "touches itself at 1 vertices"),
         ("pymskt_1_RIGHT_femur_Nov_02_2021.vtk", "open .2 boundary edges. and 1 edges have more than two faces"),
-        ("trimesh_empty.stl", "holds no triangles"),
-        ("trimesh_points_ascii.ply", "holds no triangles"),
+        ("trimesh_empty.stl", "has no triangles"),
+        ("trimesh_points_ascii.ply", "has no triangles"),
         ("vtkdata_bunny.ply", "open .223 boundary edges."),
     ],
 )

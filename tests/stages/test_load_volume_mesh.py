@@ -171,7 +171,9 @@ def test_abaqus_loads(tmp_path: Path):
 
 def test_the_unit_is_needed_and_scales_to_mm(tmp_path: Path):
     path = written(tmp_path / "two.vtk", tetrahedra_vtk(TWO_TETRAHEDRA, [(0, 1, 2, 3)]))
-    refused(path, r"does not say its unit; set `units` to mm, cm, m or inch \(the mesh measures 4 x 4 x 4", units=None)
+    refused(
+        path, r"does not state its unit; set `units` to mm, cm, m or inch \(the mesh measures 4 x 4 x 4", units=None
+    )
     mesh = loaded(path, units="inch")
     assert mesh.volume == pytest.approx(64.0 / 6.0 * 25.4**3)
     assert "unit inch (given), size 4 x 4 x 4 inch" in mesh.facts["notes"]
@@ -282,7 +284,10 @@ HTML = "<!DOCTYPE html><html><body>404</body></html>\n"
         ("page.msh", r"is not a Gmsh file \(no \$MeshFormat\)"),
         ("page.mesh", "is not a MEDIT text file"),
         ("page.inp", "is not an Abaqus input file: line 1 is under no keyword"),
-        ("page.step", r"cannot read files called \.step; export the volume mesh as one of \.inp, \.mesh, \.msh, \.vtk"),
+        (
+            "page.step",
+            r"cannot read files of type \.step; export the volume mesh as one of \.inp, \.mesh, \.msh, \.vtk",
+        ),
     ],
 )
 def test_what_is_no_mesh_at_all_is_refused(tmp_path: Path, name: str, rule: str):
@@ -322,7 +327,7 @@ DAMAGED = {
     ),
     "far.msh": (
         as_msh(np.where(TWO_TETRAHEDRA == 4.0, 1e200, 0.0), ["4 2 0 1 1 2 3 4"]),
-        r"a vertex lies 1e\+200 mm from the origin; check `units`",
+        r"a vertex is 1e\+200 mm from the origin; check `units`",
     ),
     "range.vtk": (tetrahedra_vtk(TWO_TETRAHEDRA, [(0, 1, 2, 7)]), "VTK|the points of cells must be"),
     "range.mesh": (
@@ -413,7 +418,9 @@ def test_a_cell_that_is_really_inside_out_is_refused(tmp_path: Path):
     points = TWO_TETRAHEDRA.copy()
     points[4] = (0.5, 0.5, 0.5)  # pushed through the face that the two share
     path = written(tmp_path / "through.vtk", tetrahedra_vtk(points, [(0, 1, 2, 3), (1, 2, 3, 4)]))
-    refused(path, r"cells overlap: 1 pairs lie on the same side of the face .* one of these 2 cells is at .* mm; mend")
+    refused(
+        path, r"cells overlap: 1 pairs are on the same side of the face .* one of these 2 cells is at .* mm; repair"
+    )
 
 
 def test_three_cells_at_a_face_are_refused(tmp_path: Path):
@@ -488,8 +495,8 @@ def test_a_crack_is_told_of_and_the_smaller_piece_dropped_with_a_warning(tmp_pat
         mesh = loaded(cracked(tmp_path / "cracked.vtk", 0.0))
     said = " ".join(str(warning.message) for warning in caught)
     assert "8 vertices of the boundary lie within" in said
-    assert "set `merge: 9.8e-06` to join them" in said
-    assert "dropped a piece of 64 mm^3 beside the largest of 64 mm^3" in said
+    assert "set `merge: 9.8e-06` to connect them" in said
+    assert "dropped a piece of 64 mm^3; the largest, kept, has 64 mm^3" in said
     assert len(mesh.hexahedra) == 1
 
 
@@ -555,5 +562,5 @@ def test_a_decimal_comma_is_named_as_the_cause(tmp_path: Path):
     refused(written(tmp_path / "a.msh", text.replace(".", ",").replace("2,2 0 8", "2.2 0 8")), "it has a decimal comma")
     text = with_meshio(tmp_path / "a.mesh", **FORMATS["ascii.mesh"]).read_text(encoding="utf-8")
     refused(
-        written(tmp_path / "a.mesh", text.replace(".", ",")), "Vertices: a number is expected.*decimal comma: export"
+        written(tmp_path / "a.mesh", text.replace(".", ",")), "Vertices: must be numbers, got.*decimal comma: export"
     )

@@ -256,9 +256,9 @@ def moved_point(mesh: VolumeMesh) -> VolumeMesh:
 
 
 FAULTS = {
-    dropped_cell: "must hold the mesh's own tetrahedra in their order",
-    turned_cell: "must hold the mesh's own tetrahedra in their order",
-    moved_point: "must hold the mesh's coordinates to the bit, but 1 of 32 points lie elsewhere",
+    dropped_cell: "must have the mesh's tetrahedra in their order",
+    turned_cell: "must have the mesh's tetrahedra in their order",
+    moved_point: "must have the mesh's coordinates to the bit, but 1 of 32 points differ",
 }
 
 
@@ -288,7 +288,7 @@ def test_a_mesh_file_with_a_point_too_many_is_refused(tmp_path: Path):
     WRITERS["inp"](path, MESH)
     path.write_text(path.read_text().replace("*ELEMENT", "33, 0.0, 0.0, 0.0\n*ELEMENT"))
 
-    with pytest.raises(StageError, match="must hold 32 points, but 33 were read back"):
+    with pytest.raises(StageError, match="must have 32 points, but 33 were read back"):
         require_read_back(path, MESH)
 
 

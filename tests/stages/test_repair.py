@@ -149,13 +149,13 @@ def sheet():
 MENDED = {
     "a small hole": ((BALL[0], BALL[1][1:]), "is open", "filled 1 holes with 1 triangles", volume_of(BALL)),
     "a flat triangle between three places": (with_flat_face(), "is open", "collapsed 1 triangles without area", 64.0),
-    "a crack beside a vertex on an edge": (with_crack(), "is open", "cut 1 triangles at vertices that lay on", 64.0),
-    "corners apart by a rounding": (with_loose_corners(), "is open", "welded", volume_of(BALL)),
+    "a crack beside a vertex on an edge": (with_crack(), "is open", "split 1 triangles at vertices on", 64.0),
+    "corners apart by a rounding": (with_loose_corners(), "is open", "merged", volume_of(BALL)),
     "a fin at an edge": (with_fin(), "1 edges have more than two", "dropped 1 triangles of fins", 64.0),
-    "a wall inside": (with_wall(), "4 edges have more than two", "dropped 2 triangles of walls inside", 128.0),
-    "a wall there both ways": (with_double_wall(), "4 edges have more", "dropped 4 triangles of walls that", 128.0),
-    "two bodies at one edge": (touching_at_an_edge(), "1 edges have more than two", "parted 1 edges", 128.0),
-    "two bodies at one corner": (touching_at_a_corner(), "touches itself at 1 vertices", "parted 1 vertices", 128.0),
+    "a wall inside": (with_wall(), "4 edges have more than two", "dropped 2 triangles of internal walls", 128.0),
+    "a wall there both ways": (with_double_wall(), "4 edges have more", "dropped 4 triangles of walls present", 128.0),
+    "two bodies at one edge": (touching_at_an_edge(), "1 edges have more than two", "split 1 edges", 128.0),
+    "two bodies at one corner": (touching_at_a_corner(), "touches itself at 1 vertices", "split 1 vertices", 128.0),
 }
 
 
@@ -176,8 +176,8 @@ def test_a_local_defect_is_refused_and_mended_and_rebuilt(defect: str, tmp_path:
 HARMLESS = {
     "faces there twice": ((BALL[0], np.vstack([BALL[1], BALL[1][:3]])), "dropped 3 duplicate triangles"),
     "faces there both ways": ((BALL[0], np.vstack([BALL[1], BALL[1][:, ::-1]])), "dropped 2048 duplicate triangles"),
-    "turned faces": (with_turned_faces(), "turned 410 triangles that were wound against their neighbours"),
-    "a surface inside out": (inverted(BALL), "turned 1 pieces that faced"),
+    "turned faces": (with_turned_faces(), "reoriented 410 triangles to agree with their neighbours"),
+    "a surface inside out": (inverted(BALL), "reoriented 1 pieces that faced"),
 }
 
 
@@ -189,13 +189,13 @@ def test_what_needs_no_place_to_move_is_put_right(defect: str, repair: str, tmp_
     require_sound(outer)
     assert any(said in note for note in outer.notes), outer.notes
     assert outer.volume == pytest.approx(volume_of(BALL), rel=1e-9)
-    assert f"repair {repair}: no place of the surface moved" in outer.notes
+    assert f"repair {repair}: no part of the surface moved" in outer.notes
 
 
 CROSSING = {
-    "a body folded through itself": (folded_through(), "passes through itself", None),
-    "two bodies that overlap": (together(CUBE, box((2.0, 2.0, 2.0), (6.0, 6.0, 6.0))), "passes through itself", 120.0),
-    "a body inside a body": (together(BALL, ball(2.0, divisions=2)), "face the same way", volume_of(BALL)),
+    "a body folded through itself": (folded_through(), "intersects itself", None),
+    "two bodies that overlap": (together(CUBE, box((2.0, 2.0, 2.0), (6.0, 6.0, 6.0))), "intersects itself", 120.0),
+    "a body inside a body": (together(BALL, ball(2.0, divisions=2)), "with the same orientation", volume_of(BALL)),
 }
 
 
@@ -216,7 +216,7 @@ def test_overlapping_bodies_keep_their_edges_and_corners(tmp_path: Path):
     corners = {tuple(np.round(vertex, 4)) for vertex in outer.vertices.tolist()}
     assert set(product((0.0, 4.0), repeat=3)) - corners == {(4.0, 4.0, 4.0)}
     assert (2.0, 2.0, 4.0) in corners
-    assert "that lay inside left out" in note_of(outer, "repair rebuild: what was read lies at most")
+    assert "inside the solid removed" in note_of(outer, "repair rebuild: the original is at most")
 
 
 def test_a_wide_hole_is_filled_only_within_the_tolerance(tmp_path: Path):
@@ -274,16 +274,14 @@ def test_a_surface_of_one_side_is_refused(repair: str, tmp_path: Path):
 def test_a_part_that_a_repair_leaves_out_counts_as_moved(tmp_path: Path):
     vertices, faces = with_fin()
     vertices[8] = (2.0, -3.0, -3.0)
-    with pytest.raises(
-        StageError, match=r"moves the surface by 4\.\d+ mm \(a part that was left out at 2, -3, -3 mm\)"
-    ):
+    with pytest.raises(StageError, match=r"moves the surface by 4\.\d+ mm \(a part that was removed at 2, -3, -3 mm\)"):
         loaded(tmp_path, (vertices, faces))
     assert loaded(tmp_path, (vertices, faces), tolerance=4.5).volume == pytest.approx(64.0)
 
 
 def test_numbers_of_a_repair_are_noted(tmp_path: Path):
     outer = loaded(tmp_path, (BALL[0], BALL[1][1:]))
-    said = note_of(outer, "repair safe: what was read lies at most 0 mm")
+    said = note_of(outer, "repair safe: the original is at most 0 mm")
     for part in ("the result at most 0.", "(tolerance 0.34", "volume 4", " to 4", "area 12", " to 12"):
         assert part in said
 

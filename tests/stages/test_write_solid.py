@@ -112,13 +112,13 @@ def test_a_solid_with_a_flipped_triangle_is_refused(tmp_path: Path):
     faces = ONE.faces.copy()
     faces[0] = faces[0, ::-1]
 
-    write_bad(Solid(ONE.vertices, faces), tmp_path, "walked twice in one direction")
+    write_bad(Solid(ONE.vertices, faces), tmp_path, "two of the same direction")
 
 
 def test_a_piece_that_is_inside_out_is_refused(tmp_path: Path):
     stray = cubes((4.0, (0.0, 0.0, 0.0), True), (1.0, (6.0, 0.0, 0.0), False))
 
-    write_bad(stray, tmp_path, "must be outward, but 1 of 2 shells are inside out")
+    write_bad(stray, tmp_path, "must be outward, but 1 of 2 shells are inverted")
 
 
 @pytest.mark.filterwarnings("ignore::scaffold_pipeline.errors.PipelineWarning")
@@ -142,7 +142,7 @@ def test_a_solid_collapsed_by_rounding_is_refused(tmp_path: Path):
 
 
 def test_rounding_that_does_no_harm_is_a_warning(tmp_path: Path):
-    with pytest.warns(PipelineWarning, match=r"4 of 8 vertices are not exact in float32; .* up to .* mm off"):
+    with pytest.warns(PipelineWarning, match=r"4 of 8 vertices are not exact in float32; .* moved by up to .* mm"):
         write_solid(Solid(ONE.vertices * [0.1, 1.0, 1.0], ONE.faces), params=quiet(), out=tmp_path)
 
 
@@ -203,7 +203,7 @@ def test_the_picture_is_what_was_drawn(tmp_path: Path, monkeypatch: pytest.Monke
 def test_a_piece_in_another_piece_is_refused(tmp_path: Path):
     nested = cubes((4.0, (0.0, 0.0, 0.0), True), (1.0, (1.0, 1.0, 1.0), True))
 
-    write_bad(nested, tmp_path, "1 of 2 shells are inside out or lie in another's solid")
+    write_bad(nested, tmp_path, "1 of 2 shells are inverted or inside another's solid")
 
 
 def test_a_piece_in_a_closed_pore_is_accepted(tmp_path: Path):
@@ -215,7 +215,7 @@ def test_a_piece_in_a_closed_pore_is_accepted(tmp_path: Path):
 def test_closed_pores_other_than_promised_are_refused(tmp_path: Path):
     promising = Solid(ONE.vertices, ONE.faces, facts={"closed_pores": 2})
 
-    write_bad(promising, tmp_path, "must have pieces and closed pores as the solid, 1 and 2, but has 1 and 0")
+    write_bad(promising, tmp_path, "must have the solid's pieces and closed pores, 1 and 2, but has 1 and 0")
 
 
 def test_a_solid_that_intersects_itself_is_refused(tmp_path: Path):
@@ -229,7 +229,7 @@ def test_a_solid_that_intersects_itself_is_refused(tmp_path: Path):
 def test_a_solid_far_from_the_origin_is_told_of_its_coarse_coordinates(tmp_path: Path):
     far = Solid(ONE.vertices + 20_000.0, ONE.faces)
 
-    with pytest.warns(PipelineWarning, match="20002 mm from the origin, where .* lie 0.002 mm apart"):
+    with pytest.warns(PipelineWarning, match="20002 mm from the origin, where .* are 0.002 mm apart"):
         facts = write_solid(far, params=quiet(formats=ALL), out=tmp_path).facts
 
     assert facts["coordinate_step"] == 2.0**-9

@@ -91,17 +91,17 @@ def no_number(mesh: Mesh) -> Mesh:
 
 
 FAULTS: dict[Callable[[Mesh], Mesh], str] = {
-    dropped_triangle: "must hold 36 triangles, but 35 were read back",
-    swapped_corners: "walked twice in one direction",
-    turned_corners: "the solid's own triangles in their order, but others were read back",
-    moved_vertex: r"coordinates to the bit, but 1 of 24 vertices lie elsewhere, up to 0\.0001 mm",
+    dropped_triangle: "must have 36 triangles, but 35 were read back",
+    swapped_corners: "two of the same direction",
+    turned_corners: "the solid's triangles in their order, but others were read back",
+    moved_vertex: r"coordinates to the bit, but 1 of 24 vertices differ, by up to 0\.0001 mm",
     merged_vertices: "must (have no (triangle without area|collapsed edge)|be manifold)",
     larger: r"must keep the solid's volume to 0\.0001, but it is 71\.2",
-    inside_out: r"must be outward, but \d of 3 shells are inside out",
+    inside_out: r"must be outward, but \d of 3 shells are inverted",
     inverted_pore: "must be outward, but 1 of 3 shells",
     pore_outside: "must be outward, but 1 of 3 shells",
-    extra_piece: "must hold 36 triangles, but 48 were read back",
-    piece_for_pore: "must have pieces and closed pores as the solid, 2 and 1, but has 3 and 0",
+    extra_piece: "must have 36 triangles, but 48 were read back",
+    piece_for_pore: "must have the solid's pieces and closed pores, 2 and 1, but has 3 and 0",
     overlapping_pieces: r"must not intersect itself, but \d+ triangles cross or touch another",
     no_number: "must (be finite|be valid)",
 }
@@ -163,7 +163,7 @@ def test_a_3mf_in_inches_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     text = three_mf._text
     monkeypatch.setattr(three_mf, "_text", lambda model: (part.replace("millimeter", "inch") for part in text(model)))
 
-    write_refused(tmp_path, "3mf", "must hold one object in mm, but holds 1 in Inch")
+    write_refused(tmp_path, "3mf", "must have one object in mm, but has 1 in Inch")
 
 
 def test_a_3mf_against_the_standard_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -182,4 +182,4 @@ def test_a_glb_in_other_units_is_refused(tmp_path: Path, monkeypatch: pytest.Mon
 
     monkeypatch.setattr(glb, "_complete", in_centimetres)
 
-    write_refused(tmp_path, "glb", "must be placed in metres with y up, but its node's matrix is")
+    write_refused(tmp_path, "glb", "must be in metres with y up, but its node's matrix is")

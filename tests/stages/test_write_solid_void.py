@@ -124,7 +124,7 @@ def test_a_void_that_rounding_folds_is_cut_deeper(monkeypatch: pytest.MonkeyPatc
 def test_a_void_that_always_folds_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(module, "INSETS", (0,))
 
-    write_bad(tmp_path, "pore space: has details finer than single precision holds")
+    write_bad(tmp_path, "pore space: has details finer than float32 can represent")
 
 
 def test_no_void_is_written_by_default(tmp_path: Path):

@@ -1,1 +1,1 @@
-"""The front door in Python: what `import scaffold_pipeline as sp` offers beside artifacts and stages."""
+"""The Python interface: the functions of `import scaffold_pipeline as sp` besides artifacts and stages."""

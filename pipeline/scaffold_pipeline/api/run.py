@@ -1,4 +1,4 @@
-"""`run` a config from Python, `open_run` what lies in a folder; both give a `Run`, which holds all results."""
+"""`run` a config from Python, or `open_run` a finished one; both return a `Run` with all results."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ Config = str | Path | Mapping[str, Any]
 
 
 class Run(Mapping[str, Artifact]):
-    """A run and its results: `run["solid"]` is what stands in the slot `solid`, `run["jitter"]` what that stage made.
+    """A run and its results: `run["solid"]` is the value of the slot `solid`, `run["jitter"]` the result of that stage.
 
-    It maps the names of slots to artifacts, each read from the run's folder when it is first asked for, and kept.
-    `run` and `open_run` make it.
+    It maps the names of slots to artifacts. An artifact is read from the run's folder at its first use, and kept.
+    `run` and `open_run` return it.
 
     Parameters
     ----------
     folder : Path
         The run's folder.
     record : mapping
-        What `run.json` holds: seed, config, stages, hashes, versions, warnings.
+        The content of `run.json`: seed, config, stages, hashes, versions, warnings.
     metrics : mapping
-        What `metrics.json` holds, by key: lengths mm, volumes mm^3, porosity as a share of 1.
+        The content of `metrics.json`, by key: lengths mm, volumes mm^3, porosity from 0 to 1.
 
     Examples
     --------
@@ -64,48 +64,48 @@ class Run(Mapping[str, Artifact]):
         self._owner: object = None
 
     def remove_folder_at_end(self) -> None:
-        """Remove the folder when this is no longer used, or the process ends."""
+        """Remove the folder when this object is no longer used, or the process ends."""
         self._is_temporary = True
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
     def keep_alive(self, owner: object) -> None:
-        """Keep `owner`, whose temporary folder this run's folder lies in, as long as this run is used."""
+        """Keep `owner`, whose temporary folder contains this run's folder, as long as this run is used."""
         self._owner = owner
 
     @property
     def quality(self) -> Fact:
-        """The verdict: `pass`, `not measured`, or a list with a line for each quality gate that failed."""
+        """The verdict: `pass`, `not measured`, or a list with one line for each failed quality gate."""
         return self.metrics.get("quality")
 
     @property
     def failed_gates(self) -> tuple[str, ...]:
-        """The quality gates that failed, a line each."""
+        """The failed quality gates, one line each."""
         return tuple(failed_gates(self.quality) or ())
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the stages want known of results that are still good."""
+        """The warnings of the stages about results that are still valid."""
         return tuple(self.record["warnings"])
 
     @property
     def files(self) -> dict[str, Path]:
-        """The files of the run's folder, by name; none where it was stopped early."""
+        """The files of the run's folder, by name; none if the run was stopped early."""
         return {name: self.folder / name for name in self.record["files"]}
 
     @property
     def page(self) -> Path:
-        """The page `report.html`; raises `PipelineError` where the run was stopped before it was written."""
+        """The page `report.html`; raises `PipelineError` if the run was stopped before it was written."""
         if PAGE not in self.record["files"]:
-            raise PipelineError(f"{self.folder}: there is no {PAGE}, as the run was stopped early; run it to the end")
+            raise PipelineError(f"{self.folder}: has no {PAGE}, as the run was stopped early; run it to the end")
         return self.folder / PAGE
 
     def show(self) -> None:
-        """Show the page: within a notebook, else in the browser.
+        """Show the page in the notebook, or else in the browser.
 
         Raises
         ------
         PipelineError
-            The run was stopped early, so that there is no page, or its folder is gone.
+            The run was stopped early and has no page, or its folder was removed.
         """
         page = self.page
         self._require_folder()
@@ -140,17 +140,17 @@ class Run(Mapping[str, Artifact]):
         return f"<Run {self.record['name']!r}: {', '.join(self)}; quality: {self.quality}; {self.folder}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_values": {}, "_owner": None}  # the folder stays the original's
+        return {**self.__dict__, "_values": {}, "_owner": None}  # the folder belongs to the original
 
     def _hashes(self) -> dict[str, str]:
-        """Return the hash of each stage's result by the stage's label and, before it, of each slot by its name."""
+        """Return the hash of each slot by its name, and then of each stage's result by the stage's label."""
         stages = self.record["stages"]
         labels = {stage["label"]: stage["output"] for stage in stages}
         return {**labels, **{stage["slot"]: stage["output"] for stage in stages}}
 
     def _require_folder(self) -> None:
         if not self.folder.is_dir():
-            rule = "the folder of a run without `out` lives as long as the Run that `run` gave; give out=FOLDER"
+            rule = "the folder of a run without `out` is removed with the Run that `run` returned; give out=FOLDER"
             raise PipelineError(f"{self.folder}: no such folder; {rule}")
 
     def _repr_html_(self) -> str:
@@ -171,36 +171,36 @@ def run(
 ) -> Run:
     """Run a config, as the command `scaffold-pipeline run` does, and return its results.
 
-    All artifacts and files have the hashes of what the command makes. Runs of one process go one at a time.
+    All artifacts and files have the same hashes as those of the command. A process runs one config at a time.
 
     Parameters
     ----------
     config : path or dict
-        A YAML file, or what one holds, with file paths seen from the current folder.
+        A YAML file, or its content, with file paths relative to the current folder.
     settings : dict, optional
-        Values that take the place of the config's, by `stage.parameter`, as `--set` gives them.
+        Values that replace the config's, by `stage.parameter`, as in `--set`.
     out : path, optional
-        The run's folder: a later run there goes on from what is stored. Without it nothing is left behind: all lies
-        in a temporary folder that is removed with the `Run`.
+        The run's folder: a later run there resumes from its stored results. Without it the run has a temporary folder
+        that is removed with the `Run`.
     until : str, optional
-        Stop after this stage; then no files are written.
+        Stop after this stage; no files are written then.
     cache : path, optional
-        Folder of results that runs share; `SCAFFOLD_PIPELINE_CACHE` of the environment by default.
+        Folder of shared results; the environment variable `SCAFFOLD_PIPELINE_CACHE` by default.
     verbose : bool, default False
-        Tell on standard error of each stage that ends.
+        Print each finished stage on standard error.
 
     Returns
     -------
     Run
-        A mapping of slots to artifacts, with `metrics`, `files` and the verdict. A quality gate that failed is no
-        error: it stands in `failed_gates`.
+        A mapping of slots to artifacts, with `metrics`, `files` and the verdict. A failed quality gate is not an
+        error: it is listed in `failed_gates`.
 
     Raises
     ------
     ConfigError
-        The config cannot run; every fault with its place.
+        The config cannot run; the error has every fault with its place.
     StageError
-        A stage failed; what was finished before stays in `out`.
+        A stage failed; the results of earlier stages stay in `out`.
 
     Examples
     --------
@@ -231,17 +231,17 @@ def run(
 
 
 def open_run(folder: str | Path) -> Run:
-    """Return the finished run in a folder, as the command or `run` with `out` left it.
+    """Return the finished run in a folder, made by the command or by `run` with `out`.
 
     Parameters
     ----------
     folder : path
-        The folder of a run, or of a study's point.
+        The folder of a run, or of a point of a study.
 
     Raises
     ------
     PipelineError
-        There is no record of a finished run.
+        The folder has no record of a finished run.
 
     Examples
     --------
@@ -280,7 +280,7 @@ def _execute(plan: Plan, folder: Path, until: str | None, cache: str | Path | No
 
 
 def _partial_record(plan: Plan, result: RunResult) -> dict[str, Any]:
-    """Return what can be recorded of a run that was stopped early: it has written no files."""
+    """Return the record of a run that was stopped early, without files."""
     warnings = [*result.warnings, *(f"{step.label}: {message}" for step in result.steps for message in step.warnings)]
     stages = [asdict(step) for step in result.steps]
     config = plan.resolved()

@@ -1,4 +1,4 @@
-"""How results show themselves: a run as HTML for a notebook, a page in a notebook or the browser."""
+"""Results in notebooks: a run as HTML, and a page in the notebook or the browser."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ _MAIN_NUMBERS = (
     *("porosity", "porosity_requested", "volume_mm3", "solid_pieces", "pore_pieces"),
     *("struts_interrupted", "channels_interrupted", "strut_thickness_mean", "pore_size_mean", "seconds"),
 )
-"""What a glance at a run should tell, as far as it was measured; the page tells the rest."""
+"""The main metrics of a run, shown if they were measured; the page has all."""
 
 _FRAME_HEIGHT = 800
-"""Pixels: the page's verdict, picture and first table."""
+"""Height, pixels, of the page's verdict, picture and first table."""
 
 
 def run_html(folder: Path, record: Mapping[str, Any], metrics: Mapping[str, Any]) -> str:
-    """Return a run as HTML: its name, the verdict, the picture where there is one, and the main numbers."""
+    """Return a run as HTML: its name, the verdict, the picture if there is one, and the main metrics."""
     numbers = {key: metrics[key] for key in _MAIN_NUMBERS if metrics.get(key) is not None}
     warnings = "".join(f"<li>{escape(str(message))}</li>" for message in record["warnings"])
-    told = f"<p>warnings:</p><ul>{warnings}</ul>" if warnings else ""
+    listed = f"<p>warnings:</p><ul>{warnings}</ul>" if warnings else ""
     title = f"<strong>{escape(str(record['name']))}</strong>"
     verdict = verdict_html(metrics.get("quality"))
-    return f"<div><p>{title}, {verdict}</p>{_picture_html(folder, record)}{facts_table(numbers)}{told}</div>"
+    return f"<div><p>{title}, {verdict}</p>{_picture_html(folder, record)}{facts_table(numbers)}{listed}</div>"
 
 
 def _picture_html(folder: Path, record: Mapping[str, Any]) -> str:
@@ -47,10 +47,10 @@ def _base64(path: Path) -> str:
 
 
 def show_page(page: Path, *, is_temporary: bool) -> None:
-    """Show an HTML page that holds all it needs: in the notebook that this runs in, else in the browser.
+    """Show a self-contained HTML page in the notebook, or else in the browser.
 
-    The browser may open it only after the process has ended: of a temporary page a copy is left in the system's
-    temporary folder.
+    The browser may open the page after the process has ended, so a temporary page is copied to the system's temporary
+    folder.
     """
     shell = _notebook()
     if shell is not None:
@@ -68,7 +68,7 @@ def show_page(page: Path, *, is_temporary: bool) -> None:
 
 
 def _notebook() -> object | None:
-    """Return IPython's shell where a notebook runs this, which has a kernel; None in a terminal or a script."""
+    """Return IPython's shell in a notebook, where it has a kernel; None in a terminal or a script."""
     if "IPython" not in sys.modules:
         return None
     shell = sys.modules["IPython"].get_ipython()

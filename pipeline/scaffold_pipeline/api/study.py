@@ -1,4 +1,4 @@
-"""`study` from Python: a config over all that varies, to one table."""
+"""`study` from Python: run a config for several parameter values and collect one table."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from scaffold_pipeline.studies.table import PointState, to_table
 from scaffold_pipeline.studies.workers import in_process, local_pool
 
 _SHOWN = ("quality", "porosity", "volume_mm3")
-"""Metrics of a point that a glance at the study tells; `table` has all."""
+"""Metrics of a point shown in a notebook; `table` has all."""
 
 
 class StudyRun(Mapping[str, Run]):
-    """A study and its results: `table`, and for each point, by its name, the `Run` of it.
+    """A study and its results: `table`, and the `Run` of each point by its name.
 
-    `study` makes it.
+    `study` returns it.
 
     Parameters
     ----------
     folder : Path
         The study's folder, with `table.csv`, `study.html` and the run of each point.
     columns : tuple of str
-        What varies.
+        The varied parameters.
     states : list of PointState
-        What became of each point.
+        The state of each point.
     """
 
     def __init__(self, folder: Path, columns: tuple[str, ...], states: list[PointState]) -> None:
@@ -51,19 +51,19 @@ class StudyRun(Mapping[str, Run]):
         self._is_temporary = False
 
     def remove_folder_at_end(self) -> None:
-        """Remove the folder when this is no longer used, or the process ends."""
+        """Remove the folder when this object is no longer used, or the process ends."""
         self._is_temporary = True
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
     @property
     def table(self) -> list[dict[str, object]]:
-        """One row a point, for `pandas.DataFrame`: its name, what varied, all metrics, the verdict and the error."""
+        """One row for each point, for `pandas.DataFrame`: name, varied parameters, metrics, verdict and error."""
         titles, rows = to_table(self._columns, list(self._states.values()))
         return [dict(zip(titles, row, strict=True)) for row in rows]
 
     @property
     def errors(self) -> dict[str, str]:
-        """What ended the points that failed, by their names."""
+        """The errors of failed points, by their names."""
         return {name: state.error for name, state in self._states.items() if state.error is not None}
 
     @property
@@ -72,7 +72,7 @@ class StudyRun(Mapping[str, Run]):
         return self.folder / PAGE
 
     def show(self) -> None:
-        """Show the page: within a notebook, else in the browser."""
+        """Show the page in the notebook, or else in the browser."""
         show_page(self.page, is_temporary=self._is_temporary)
 
     def __getitem__(self, name: str) -> Run:
@@ -121,26 +121,26 @@ def study(  # noqa: PLR0913 - all but one by name, each a choice of its own
     cache: str | Path | None = None,
     verbose: bool = False,
 ) -> StudyRun:
-    r"""Run a config over all that a study varies, as the command `scaffold-pipeline study` does, and return its table.
+    r"""Run a config for all points of a study, as the command `scaffold-pipeline study` does, and return the results.
 
     Parameters
     ----------
     study_file : path
-        The YAML file that says what varies.
+        The YAML file of the study.
     settings : dict, optional
         Values for all points, by `stage.parameter`.
     out : path, optional
-        The study's folder: the same call goes on from what lies there. Without it all lies in a temporary folder that
-        is removed with the `StudyRun`.
+        The study's folder: the same call resumes from its stored results. Without it the study has a temporary folder
+        that is removed with the `StudyRun`.
     workers : int, default 1
-        Points that run at once, each in a process of its own where there are more than one. A script then calls this
-        under `if __name__ == "__main__":`, as Python asks of all that starts processes.
+        Points to run at the same time, each in its own process if more than one. A script must then call this under
+        `if __name__ == "__main__":`, as Python requires for new processes.
     keep_going : bool, default False
-        Go on with the other points after one has failed; `errors` tells which did.
+        Continue with the other points after one has failed; `errors` lists the failed ones.
     cache : path, optional
-        Folder of results that runs share; `SCAFFOLD_PIPELINE_CACHE` of the environment by default.
+        Folder of shared results; the environment variable `SCAFFOLD_PIPELINE_CACHE` by default.
     verbose : bool, default False
-        Tell on standard error of each point that ends.
+        Print each finished point on standard error.
 
     Returns
     -------
@@ -150,9 +150,9 @@ def study(  # noqa: PLR0913 - all but one by name, each a choice of its own
     Raises
     ------
     ConfigError
-        The study or one of its configs cannot run; every fault with its place.
+        The study or one of its configs cannot run; the error has every fault with its place.
     StageError
-        A point failed, unless `keep_going`; a line a point.
+        A point failed, unless `keep_going`; one line for each failed point.
 
     Examples
     --------

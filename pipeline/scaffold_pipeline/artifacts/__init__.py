@@ -1,4 +1,4 @@
-"""The values that stages hand to each other: meshes, fields, contours, metrics; frozen, checked once, arrays locked."""
+"""Values passed between stages: meshes, fields, contours, metrics; immutable and checked when they are made."""
 
 from scaffold_pipeline.artifacts.cell_meshes import CellMesh, PlanarMesh, VolumeMesh
 from scaffold_pipeline.artifacts.contours import Contour, Polygons

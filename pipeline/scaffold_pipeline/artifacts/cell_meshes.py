@@ -1,4 +1,4 @@
-"""Meshes of cells between stages: solid cells, whose edges become struts, and tiles of a plane."""
+"""Meshes of cells: solid cells, whose edges become struts, and tiles of a plane."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 class CellMesh(Artifact):
-    """Cells of one or more kinds over shared vertices: what a `VolumeMesh` and a `PlanarMesh` have in common.
+    """Cells of one or more kinds over shared vertices: the base of `VolumeMesh` and `PlanarMesh`.
 
     `vertices` (n, 3) mm; one array of corner indices for each cell kind, in VTK's order. Every cell has distinct
-    corners and a positive volume or area, every face one cell on each side at most, every vertex a cell. `facts` are
-    what the maker measured.
+    corners and a positive volume or area, every face at most one cell on each side, every vertex at least one cell.
+    `facts` are measured by the stage that makes the mesh.
     """
 
     IS_PLANAR: ClassVar[bool]
@@ -50,12 +50,12 @@ class CellMesh(Artifact):
         Parameters
         ----------
         grid : pyvista.UnstructuredGrid
-            Cells of the kinds that this class has. Points and edges, beside solid cells also faces, are left out.
+            Cells of the kinds that this class has. Points and edges are left out, and faces from a mesh of solid cells.
 
         Raises
         ------
         StageError
-            It is no such grid, has cells of other kinds, or breaks a rule of this class.
+            It is not such a grid, has cells of other kinds, or breaks a rule of this class.
         """
         from scaffold_pipeline.artifacts.conversions import cells_from_pyvista
 
@@ -63,19 +63,19 @@ class CellMesh(Artifact):
         return cls(**{"vertices": vertices, **cells})
 
     def to_pyvista(self) -> pyvista.UnstructuredGrid:
-        """Return a `pyvista.UnstructuredGrid` in mm with the same vertices and cells, free to be changed."""
+        """Return a `pyvista.UnstructuredGrid` in mm with the same vertices and cells, writable."""
         from scaffold_pipeline.artifacts.conversions import cells_to_pyvista
 
         return cells_to_pyvista(self)
 
     @property
     def cells(self) -> dict[str, Ints]:
-        """The corner indices of each cell kind that the mesh has, keyed by the names of `CELL_TYPES`."""
+        """Corner indices of each cell kind that the mesh has, keyed by the names of `CELL_TYPES`."""
         return {kind: getattr(self, name) for name, kind in self._kinds().items() if len(getattr(self, name))}
 
     @property
     def edges(self) -> Ints:
-        """Every edge once, (k, 2), smaller index first, sorted."""
+        """All edges, each once, (k, 2), smaller index first, sorted."""
         return edges_of_cells(self.cells)
 
     def _sum(self) -> float:
@@ -100,16 +100,16 @@ class CellMesh(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class VolumeMesh(CellMesh):
-    """A mesh of solid cells in mm, one array a kind; its edges become struts, its cells pores.
+    """A mesh of solid cells in mm, one array for each kind; edges become struts, cells become pores.
 
     Parameters
     ----------
     vertices : array (n, 3) float64
-        Coordinates, mm; each belongs to a cell.
+        Coordinates, mm; each vertex belongs to a cell.
     tetrahedra, pyramids, wedges, hexahedra : array (m, 4), (m, 5), (m, 6), (m, 8) int64, optional
         Indices of the corners of each cell in VTK's order, so that its volume is positive.
     facts : mapping, optional
-        What its maker measured.
+        Measured by the stage that makes it.
 
     Raises
     ------
@@ -145,11 +145,11 @@ class PlanarMesh(CellMesh):
     Parameters
     ----------
     vertices : array (n, 3) float64
-        Coordinates, mm, all of one z; each belongs to a tile.
+        Coordinates, mm, all of one z; each vertex belongs to a tile.
     triangles, quadrangles : array (m, 3), (m, 4) int64, optional
         Indices of the corners of each tile, counter-clockwise seen from +z.
     facts : mapping, optional
-        What its maker measured.
+        Measured by the stage that makes it.
 
     Raises
     ------
@@ -176,5 +176,5 @@ class PlanarMesh(CellMesh):
 
     @property
     def z(self) -> float:
-        """Place of the plane, mm."""
+        """The plane's z, mm."""
         return float(self.vertices[0, 2])

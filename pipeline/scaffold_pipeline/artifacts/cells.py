@@ -1,8 +1,7 @@
-"""The corners, edges and faces of each cell type: one table for all that walks over cells, and the rules of a mesh.
+"""The corners, edges and faces of each cell type, and the rules of a mesh.
 
-Corners follow VTK's order. Faces are what a cell shares with its neighbours: the triangles and quadrangles of a solid
-cell, listed so that their normals point out of a positively oriented one, and the edges of a planar cell, walked
-counter-clockwise.
+Corners follow VTK's order. Faces are shared with neighbours: the triangles and quadrangles of a solid cell, listed so
+that their normals point out of a positively oriented cell, and the edges of a planar cell, counter-clockwise.
 """
 
 from __future__ import annotations
@@ -80,10 +79,10 @@ def cell_measures(vertices: Floats, cells: Ints, kind: str) -> Floats:
 
 
 def cell_volumes(vertices: Floats, cells: Ints, kind: str) -> Floats:
-    """Return the signed volume of each cell, (m,), mm^3: positive where the corners keep VTK's order.
+    """Return the signed volume of each cell, (m,), mm^3: positive if the corners follow VTK's order.
 
-    The divergence theorem over the cell's faces, each quadrangle fanned about its own centre, so that two
-    cells which share a face agree on it.
+    By the divergence theorem over the cell's faces. Each quadrangle is split into four triangles about its centre, so
+    that both cells of a face use the same surface.
     """
     corners = vertices[cells]
     centre = corners.mean(axis=1)
@@ -104,7 +103,7 @@ def cell_areas(vertices: Floats, cells: Ints) -> Floats:
 
 
 def corner_turns(vertices: Floats, cells: Ints) -> Floats:
-    """Return by how much each cell of a plane z = const turns left at each corner, (m, corners), mm^2."""
+    """Return the cross product of both sides at each corner of cells in a plane z = const, (m, corners), mm^2."""
     ring = vertices[cells][:, :, :2]
     return _cross(ring - np.roll(ring, 1, axis=1), np.roll(ring, -1, axis=1) - ring)
 
@@ -121,7 +120,7 @@ def edges_of_cells(cells: Mapping[str, Ints]) -> Ints:
 
 
 def faces_of_cells(cells: Mapping[str, Ints]) -> Ints:
-    """Return the corners of each face of each cell, cell after cell, (h, 4), filled up with -1."""
+    """Return the corners of each face of each cell, cell after cell, (h, 4), padded with -1."""
     return np.concatenate([_faces_of_kind(kind, corners) for kind, corners in cells.items()])
 
 
@@ -134,7 +133,7 @@ def _faces_of_kind(kind: str, cells: Ints) -> Ints:
 
 
 def distinct_rows(rows: Ints) -> tuple[Ints, Ints]:
-    """Return the distinct rows of `rows` (r, w), in lexicographic order, and which one each is, (r,).
+    """Return the distinct rows of `rows` (r, w), in lexicographic order, and the number of each row's, (r,).
 
     Rows are packed into one integer each: `np.unique(axis=0)` compares them as byte strings, which is slow.
     """
@@ -149,7 +148,7 @@ def distinct_rows(rows: Ints) -> tuple[Ints, Ints]:
 
 
 def _pack_rows(rows: Ints) -> Ints:
-    """Return one integer for each row, (r,), that compares with others as the rows do."""
+    """Return one integer for each row, (r,), in the order of the rows."""
     least = rows.min()
     base = int(rows.max() - least) + 1
     keys: Ints = rows[:, 0] - least
@@ -164,7 +163,7 @@ def _pack_rows(rows: Ints) -> Ints:
 
 
 def mesh_faults(vertices: Floats, cells: Mapping[str, Ints]) -> Iterator[str]:
-    """Yield a line for each rule that a mesh breaks, what is broken first: `vertices` (n, 3), kind -> (m, corners)."""
+    """Yield a line for each rule that a mesh breaks: `vertices` (n, 3), `cells` kind -> (m, corners)."""
     if not cells:
         yield ": must have at least one cell, got none"
         return
@@ -200,7 +199,7 @@ def _broken(is_broken: Bools, kind: str, rule: str) -> Iterator[str]:
 
 
 def _doubled_faces(cells: Mapping[str, Ints]) -> Iterator[str]:
-    """Neighbours walk the face between them opposite ways: two that walk it one way lie on the same side of it."""
+    """Yield a fault if two cells have a face in the same orientation: then they are on the same side of it."""
     faces = faces_of_cells(cells)
     sides = 2 * distinct_rows(np.sort(faces, axis=1))[1] + _is_walked_upwards(faces)
     is_doubled = np.bincount(sides) > 1
@@ -208,12 +207,12 @@ def _doubled_faces(cells: Mapping[str, Ints]) -> Iterator[str]:
         first = faces[np.argmax(is_doubled[sides])]
         yield (
             f": a face must have one cell on each side at most, but {int(is_doubled.sum())} have more (the first is "
-            f"that of vertices {', '.join(map(str, first[first >= 0]))}); drop cells that are doubled or overlap"
+            f"that of vertices {', '.join(map(str, first[first >= 0]))}); remove duplicate or overlapping cells"
         )
 
 
 def _is_walked_upwards(faces: Ints) -> Bools:
-    """Tell which of the `faces` (h, 4) go from their least corner to the lesser of its neighbours, (h,)."""
+    """Return which of the `faces` (h, 4) go from their least corner to the lesser of its neighbours, (h,)."""
     corners, rows = (faces >= 0).sum(axis=1), np.arange(len(faces))
     first = np.where(faces >= 0, faces, np.iinfo(np.int64).max).argmin(axis=1)
     ahead, behind = faces[rows, (first + 1) % corners], faces[rows, (first - 1) % corners]

@@ -1,6 +1,6 @@
-"""Flat shapes between stages: rings in a plane z = const, and the contour that a planar field gives.
+"""Planar shapes: rings in a plane z = const, and the contour of a planar field.
 
-Seen from +z the shape lies to the left of every ring: counter-clockwise around it, clockwise around its holes.
+Seen from +z the shape is to the left of every ring: outer rings are counter-clockwise, holes clockwise.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scaffold_pipeline.errors import StageError
 
 @dataclass(frozen=True, eq=False)
 class Polygons(Artifact):
-    """Rings that do not cross: `points` (n, 2) mm, ring after ring, and `counts` (k,), the points of each ring."""
+    """Rings that do not cross: `points` (n, 2) mm, ring after ring, and `counts` (k,), the number of points of each."""
 
     points: Floats
     counts: Ints
@@ -32,7 +32,7 @@ class Polygons(Artifact):
 
     @classmethod
     def of(cls, rings: list[Floats]) -> Polygons:
-        """Return the polygons of `rings`, each (k, 2) mm, its last point not the first again."""
+        """Return the polygons of `rings`, each (k, 2) mm; the first point is not repeated at the end."""
         counts = np.array([len(ring) for ring in rings], np.int64)
         return cls(np.concatenate([np.empty((0, 2)), *rings]), counts)
 
@@ -43,7 +43,7 @@ class Polygons(Artifact):
 
     @property
     def areas(self) -> Floats:
-        """The area within each ring, (k,) mm^2: positive around the shape, negative around a hole."""
+        """Area within each ring, (k,) mm^2: positive for an outer ring, negative for a hole."""
         return np.array([_area(ring) for ring in self.rings])
 
     @property
@@ -53,30 +53,30 @@ class Polygons(Artifact):
 
 
 def _area(ring: Floats) -> float:
-    """Return the signed area within a ring, summed about its first point, far from which digits would be lost."""
+    """Return the signed area within a ring, relative to its first point, which avoids cancellation."""
     x, y = (ring - ring[0]).T
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Contour(Artifact):
-    """What is solid of a planar field, {s > iso}, within the outline of its mesh.
+    """The solid part of a planar field, {s > iso}, within the outline of its mesh.
 
     Parameters
     ----------
     solid, outline : Polygons
-        Rings of points, mm, the shape to their left.
+        Rings of points, mm, with the shape to their left.
     z : float
-        Place of the plane, mm.
+        The plane's z, mm.
     iso : float
-        The field's value on the boundary: solid is where it is above.
+        The field's value on the boundary: the solid is where the field is above it.
     porosity_requested : float, optional
-        The share of 1 that `iso` was solved for.
+        The porosity, from 0 to 1, that `iso` was solved for.
 
     Raises
     ------
     StageError
-        One of them encloses no area.
+        The solid or the outline encloses no area.
 
     Examples
     --------
@@ -102,17 +102,17 @@ class Contour(Artifact):
 
     @property
     def porosity(self) -> float:
-        """Share of the outline's area that is pore."""
+        """Area of the pores over the outline's area."""
         return 1.0 - self.solid.area / self.outline.area
 
     @property
     def pieces(self) -> int:
-        """How many pieces of solid there are."""
+        """Number of pieces of solid."""
         return int((self.solid.areas > 0.0).sum())
 
     @property
     def holes(self) -> int:
-        """How many holes they have in all: pores that do not reach the outline."""
+        """Number of holes: pores that do not reach the outline."""
         return int((self.solid.areas < 0.0).sum())
 
     def summary(self) -> dict[str, Fact]:

@@ -1,6 +1,6 @@
-"""Meshes and fields to and from trimesh and pyvista: the one place of the engine that knows them.
+"""Meshes and fields to and from trimesh and pyvista; no other module of the engine uses these libraries.
 
-Both are imported where they are used: a run that converts nothing never loads them here.
+They are imported when they are used: a run without conversions does not load them here.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from scaffold_pipeline.artifacts.meshes import SurfaceMesh
 
 _VTK_NUMBERS = {"triangle": 5, "quadrangle": 9, "tetrahedron": 10, "hexahedron": 12, "wedge": 13, "pyramid": 14}
-"""VTK's own numbers of the cell types; corners follow its order already."""
+"""VTK's numbers of the cell types; corners are in its order."""
 
 _SMALLEST = 1.0
 """The longest side of a surface, mm, below which it may be in metres: a metre of bone is the most there is."""
@@ -41,7 +41,7 @@ def surface_to_trimesh(surface: SurfaceMesh) -> trimesh.Trimesh:
 def surface_from_trimesh(mesh: object) -> tuple[Floats, Ints]:
     """Return vertices (n, 3) mm and faces (m, 3) of a `trimesh.Trimesh`.
 
-    Raises `StageError` for anything else, such as a scene, and for a mesh that says it is not in mm.
+    Raises `StageError` for other types, such as a scene, and for a mesh whose `units` are not mm.
     """
     import trimesh
 
@@ -66,7 +66,7 @@ def surface_to_pyvista(surface: SurfaceMesh) -> pyvista.PolyData:
 def surface_from_pyvista(mesh: object) -> tuple[Floats, Ints]:
     """Return vertices (n, 3) mm and faces (m, 3) of a `pyvista.PolyData`, polygons cut into triangles.
 
-    Raises `StageError` for anything else, and where it has lines or points alone.
+    Raises `StageError` for other types, and for a mesh with lines or points, or without faces.
     """
     import pyvista
 
@@ -103,7 +103,7 @@ def cells_from_pyvista(grid: object, *, is_planar: bool) -> tuple[Floats, dict[s
     """Return the vertices (n, 3) mm and the cells, by plural name, of a `pyvista.UnstructuredGrid`.
 
     Points, edges and, among solid cells, faces are left out, as are vertices that no cell has. Raises `StageError`
-    for anything but a grid, and for cells of other kinds, such as those of second order.
+    for other types, and for cells of other kinds, such as those of second order.
     """
     import pyvista
 
@@ -131,7 +131,7 @@ def field_to_pyvista(field: ScalarField) -> pyvista.ImageData:
 
 
 def _is_lesser(number: int, *, is_planar: bool) -> bool:
-    """Return whether VTK's cell type `number` is of fewer dimensions than the cells asked for."""
+    """Return whether VTK's cell type `number` has fewer dimensions than the requested cells."""
     vertex_to_polyline, triangle_to_quadrangle = range(5), range(5, 10)
     return number in vertex_to_polyline or (not is_planar and number in triangle_to_quadrangle)
 

@@ -1,7 +1,7 @@
-"""What a stage says of what it gives: the metrics under their keys, the quality gates, the drawings that a page shows.
+"""Declarations of a stage's results: its metrics by key, its quality gates, and the drawings that pages show.
 
-A stage hands these to `@stage(...)`. The tables of pages, `metrics.json`, the README and the words of gates are made
-of them, so that no other place names a metric, a gate or a picture.
+A stage gives these to `@stage(...)`. The tables of pages, `metrics.json`, the README and the titles of gates come from
+them, so that no other module names a metric, a gate or a picture.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ _GAP = re.compile(r"\{(\w+)\}")
 
 @dataclass(frozen=True)
 class Metric:
-    """A number that a stage measures, and how it is told.
+    """A number that a stage measures: its key, unit, title and meaning.
 
-    A measure of a third party appears on the page, in `metrics.json` and in the README's kind of table by being
-    declared beside what computes it, and named in the declaration of its stage:
+    A metric of a plug-in appears on the page, in `metrics.json` and in the output of `stages --metrics` once it is
+    declared, in the declaration of its stage:
 
         CURVATURE = Metric(
             "curvature_mean_per_mm", "mm\u207b\u00b9", "Mean curvature", "Cells prefer hollow walls.", section="Surface"
@@ -30,31 +30,31 @@ class Metric:
         def measure_curvature(solid: Solid, *, params: MeasureCurvatureParams) -> Metrics:
             return Metrics({"curvature_mean_per_mm": ...}, has_gates=False)
 
-    A stage whose facts another stage passes on, as fields' and outer shapes' are, declares these in the same way.
-    A key that no stage declares is stored all the same, and listed at the end of the page by the key alone.
+    A stage whose facts are passed on by a measuring stage, such as a field's, declares them in the same way. A key
+    that no stage declares is stored too, and listed at the end of the page by its key.
 
     Parameters
     ----------
     key
-        The key in `metrics.json`. It may have gaps, `tortuosity_{axis}`, and stands for all keys that fill them; title
-        and meaning may have the same gaps. Of several that fit a key, the one with the longest text of its own is
-        taken.
+        The key in `metrics.json`. It may have placeholders, as `tortuosity_{axis}` has, and matches all keys that fill
+        them; title and meaning may have the same placeholders. If several metrics match a key, the one with the longest
+        literal text is used.
     unit
         `mm`, `mm\u00b2`, ...; empty for a share or a count.
     title
         The name for people.
     meaning
-        What it tells, in a sentence.
+        Its meaning, in a sentence.
     section
-        The heading of the page's table that it stands in; empty for the table of all metrics alone.
+        Heading of its table on the page; empty if it is only in the table of all metrics.
     symbol
-        The name in BoneJ and CTAn, if it has one there: `Tb.Th`.
+        Its name in BoneJ and CTAn, if it has one: `Tb.Th`.
     method
-        How it is computed, and how far off it may be. Metrics with the same text share a row of the README's table.
+        How it is computed, and its error. Metrics with the same text share a row of the README's table.
     shown_in
         `headline`: in large type at the top of the page; `caption`: under the pictures of a study.
     instead
-        The key that is to be used instead: the metric is deprecated, and no page shows it.
+        The key to use instead: the metric is deprecated, and no page shows it.
 
     Examples
     --------
@@ -75,11 +75,11 @@ class Metric:
 
     @property
     def own_text(self) -> int:
-        """How many characters of the key are no gap."""
+        """Number of characters of the key outside placeholders."""
         return len(_GAP.sub("", self.key))
 
     def at(self, key: str) -> Metric | None:
-        """Return the metric of that very key, its gaps filled; None where the key is another's."""
+        """Return the metric with its placeholders filled for `key`; None if the key does not match."""
         gaps = _gaps(self.key, key)
         if not gaps:
             return self if gaps is not None else None
@@ -89,16 +89,16 @@ class Metric:
 
 @dataclass(frozen=True)
 class Gate:
-    """A quality gate of a stage: a condition that what it measured must keep.
+    """A quality gate of a stage: a condition on its metrics.
 
     Parameters
     ----------
     name
-        What the lines of `Metrics.failed_gates` and of `gates_not_applied` begin with: `porosity: ...`.
+        The beginning of its lines in `Metrics.failed_gates` and `gates_not_applied`: `porosity: ...`.
     passed
-        What is so where the gate is passed, as a sentence.
+        The condition, as a sentence that is true if the gate is passed.
     switch
-        The stage's parameter that switches it on: true or false, or a value that is asked for, or none.
+        The stage's parameter that switches it on: true or false, or a required value or None.
     """
 
     name: str
@@ -108,19 +108,19 @@ class Gate:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A file of a stage that pages show.
+    """A file of a stage, shown on pages.
 
     Parameters
     ----------
     file
-        Its name, a PNG, an SVG, or what the 3-D view is made of; it may have gaps, as the key of a metric may.
+        Its name: a PNG, an SVG, or the data of the 3-D view; it may have placeholders, as the key of a metric may.
     title
-        What it is called beneath the picture.
+        The caption of the picture.
     meaning
-        What it shows, for those who do not see it and as a hint above; may be empty.
+        What it shows, used as the alternative text and as a note above the picture; may be empty.
     place
-        `lead`: the picture that stands for the solid at the top of the page; `view`: what the 3-D view is made of, as
-        `scaffold_pipeline.report.view.View` says; `section`: beside others to one scale; `picture`: with all others.
+        `lead`: the picture of the solid at the top of the page; `view`: the data of the 3-D view, see
+        `scaffold_pipeline.report.view.View`; `section`: with other sections, to one scale; `picture`: with all others.
     """
 
     file: str
@@ -129,7 +129,7 @@ class Drawing:
     place: Literal["lead", "view", "section", "picture"] = "picture"
 
     def at(self, file: str) -> Drawing | None:
-        """Return the drawing of that very file; None where the file is another's."""
+        """Return the drawing with its placeholders filled for `file`; None if the file does not match."""
         gaps = _gaps(self.file, file)
         if gaps is None:
             return None
@@ -138,9 +138,9 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Declared:
-    """What stages declare, as a record holds it: `gates` each with the label of its stage.
+    """The declarations of several stages, as a record holds them; each of `gates` has the label of its stage.
 
-    `viewers` name the stages that would add a 3-D view where there is none.
+    `viewers` are the names of stages that would add a 3-D view to a run without one.
     """
 
     metrics: tuple[Metric, ...] = ()
@@ -149,11 +149,11 @@ class Declared:
     viewers: tuple[str, ...] = ()
 
     def metric(self, key: str) -> Metric | None:
-        """Return the declaration of a metric, its gaps filled; None for a key that none declares."""
+        """Return the declaration of a metric, its placeholders filled; None for an undeclared key."""
         return self._find(key)[1]
 
     def rank(self, key: str) -> int:
-        """Return where a key stands among all: in the order of the declarations, those that none declares last."""
+        """Return the position of a key in the order of the declarations; undeclared keys are last."""
         return self._find(key)[0]
 
     def _find(self, key: str) -> tuple[int, Metric | None]:
@@ -165,21 +165,21 @@ class Declared:
 
     @cached_property
     def _found(self) -> dict[str, tuple[int, Metric | None]]:
-        """What was found of each key so far: the points of a study have the same keys."""
+        """Results of earlier searches by key: the points of a study have the same keys."""
         return {}
 
     def drawing(self, file: str) -> Drawing | None:
-        """Return the declaration of a drawing, its gaps filled; None for a file that none declares."""
+        """Return the declaration of a drawing, its placeholders filled; None for an undeclared file."""
         return next((found for drawing in self.drawings if (found := drawing.at(file)) is not None), None)
 
     def shown_in(self, place: str, keys: Iterable[str]) -> list[Metric]:
-        """Return the metrics of those keys that are shown in a place, in the order of the declarations."""
+        """Return the metrics among `keys` that are shown in `place`, in the order of the declarations."""
         found = [self.metric(key) for key in sorted(keys, key=self.rank)]
         return [metric for metric in found if metric is not None and place in metric.shown_in]
 
     @classmethod
     def from_json(cls, payload: Mapping[str, Any]) -> Self:
-        """Return what `to_json` gave; names that this version does not know are left out."""
+        """Return declarations from the payload of `to_json`; entries unknown to this version are left out."""
         return cls(
             metrics=tuple(_read(Metric, entry) for entry in payload["metrics"]),
             gates=tuple((str(entry["stage"]), _read(Gate, entry)) for entry in payload["gates"]),
@@ -188,7 +188,7 @@ class Declared:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
+        """Return the declarations as plain values for JSON."""
         return {
             "metrics": [_payload(metric) for metric in self.metrics],
             "gates": [{"stage": label, **_payload(gate)} for label, gate in self.gates],
@@ -198,7 +198,7 @@ class Declared:
 
 
 def _gaps(pattern: str, text: str) -> dict[str, str] | None:
-    """Return what fills the gaps of a pattern where it becomes that text; None where it cannot."""
+    """Return the values of a pattern's placeholders for which it equals `text`; None if there are none."""
     found = _compile(pattern).fullmatch(text)
     return None if found is None else found.groupdict()
 
@@ -227,6 +227,8 @@ def _read(kind: type[Kind], entry: Mapping[str, Any]) -> Kind:
 
 
 def _payload(entry: Metric | Gate | Drawing) -> dict[str, Any]:
-    """Return what differs from the defaults: records of many points stay small."""
-    told = {part.name: getattr(entry, part.name) for part in fields(entry) if getattr(entry, part.name) != part.default}
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in told.items()}
+    """Return the fields that differ from their defaults, to keep the records of many points small."""
+    given = {
+        part.name: getattr(entry, part.name) for part in fields(entry) if getattr(entry, part.name) != part.default
+    }
+    return {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}

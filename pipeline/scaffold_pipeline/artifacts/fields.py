@@ -1,4 +1,4 @@
-"""Fields between stages: values on a regular grid, and the certificate of what they will connect."""
+"""Fields: values on a regular grid, and a certificate of open channels and whole struts."""
 
 from __future__ import annotations
 
@@ -17,22 +17,20 @@ if TYPE_CHECKING:
     import pyvista
 
 CERTIFICATE_METRICS = (
-    Metric("channel_max", "", "Greatest field value on a channel", "At an iso above it all channels are open.", ""),
-    Metric("strut_min", "", "Least field value on a strut", "At an iso below it all struts are whole.", ""),
-    Metric("channels", "", "Channels", "Passages from a cell's centre to a face.", ""),
+    Metric("channel_max", "", "Greatest field value on a channel", "Above it all channels are open.", ""),
+    Metric("strut_min", "", "Least field value on a strut", "Below it all struts are whole.", ""),
+    Metric("channels", "", "Channels", "Line segments from a cell's centre to the centres of its faces.", ""),
     Metric(
         "channels_closed",
         "",
         "Channels closed",
-        "Passages from pore to pore that are shut at this iso-value.",
+        "Channels that are closed at this iso-value, by the certificate.",
         "Connectivity",
     ),
     Metric("struts", "", "Struts", "Edges of the mesh.", ""),
-    Metric(
-        "struts_broken", "", "Struts broken", "Mesh edges that are not solid all along, by the certificate.", "Struts"
-    ),
+    Metric("struts_broken", "", "Struts broken", "Mesh edges with a gap, by the certificate.", "Struts"),
 )
-"""What `Certificate.at` tells, but for the next."""
+"""The metrics of `Certificate.at`, except the next."""
 
 UNDER_RESOLVED = Metric(
     "under_resolved", "", "Struts and channels too thin for the voxels", "Thinner than two voxels.", "Printability"
@@ -41,9 +39,9 @@ UNDER_RESOLVED = Metric(
 
 @dataclass(frozen=True, eq=False)
 class Certificate(Artifact):
-    """What a field promises of connectivity before any voxel is computed (sampled along each segment).
+    """The connectivity of a field, known before any voxel is computed (sampled along each strut and channel).
 
-    At an iso above `channel_max` every pore is joined to its neighbours, below `strut_min` every strut is whole.
+    Above `channel_max` every pore is connected to its neighbours, below `strut_min` every strut is whole.
 
     Parameters
     ----------
@@ -52,7 +50,7 @@ class Certificate(Artifact):
     strut_minima : array (m,) float64
         Least value on each mesh edge.
     channel_rings, strut_rings : array (n, 3), (m, 3) float64, optional
-        The same on rings around each, `RING_SHARES` of `voxel_size` away; None where that was not looked at.
+        The same on rings around each, at distances of `RING_SHARES` times `voxel_size`; None if not sampled.
     voxel_size : float, default 0.0
         Distance from voxel to voxel, mm.
 
@@ -66,7 +64,7 @@ class Certificate(Artifact):
     """
 
     RING_SHARES: ClassVar[tuple[float, ...]] = (1.0, 0.5, 0.25)
-    """A strut is thinner than two voxels where it is void at one voxel from its axis; the rest tells what would do."""
+    """Ring radii, voxels. A strut that is void at 1 is thinner than two voxels; the others show which size would do."""
 
     channel_maxima: Floats
     strut_minima: Floats
@@ -84,16 +82,16 @@ class Certificate(Artifact):
 
     @property
     def channel_max(self) -> float:
-        """Greatest s on any channel: every pore is joined to its neighbours at an iso above it."""
+        """Greatest field value on any channel: every pore is connected to its neighbours at an iso-value above it."""
         return float(self.channel_maxima.max())
 
     @property
     def strut_min(self) -> float:
-        """Least s on any strut: every strut is whole at an iso below it."""
+        """Least field value on any strut: every strut is whole at an iso-value below it."""
         return float(self.strut_minima.min())
 
     def at(self, iso: float) -> dict[str, Fact]:
-        """Return the window, how many channels are closed and struts broken at `iso`, and how many are too thin."""
+        """Return the window, and the numbers of closed channels, broken struts and too thin ones at `iso`."""
         return {
             "channel_max": self.channel_max,
             "strut_min": self.strut_min,
@@ -105,13 +103,13 @@ class Certificate(Artifact):
         }
 
     def resolving_voxel_size(self, iso: float) -> float | None:
-        """Return the greatest of the sizes tried, mm, at which no strut or channel is thinner than two voxels."""
+        """Return the greatest tried voxel size, mm, at which no strut or channel is thinner than two voxels."""
         counts = self._thin(iso) or []
         enough = [share for share, count in zip(self.RING_SHARES, counts, strict=False) if not count]
         return self.voxel_size * enough[0] if enough else None
 
     def _thin(self, iso: float) -> list[int] | None:
-        """Return how many struts and channels are thinner than two voxels, for each of the ring shares."""
+        """Return the number of struts and channels thinner than two voxels, for each of the ring shares."""
         if self.channel_rings is None or self.strut_rings is None:
             return None
         counts: list[int] = ((self.channel_rings >= iso).sum(axis=0) + (self.strut_rings <= iso).sum(axis=0)).tolist()
@@ -120,29 +118,29 @@ class Certificate(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class ScalarField(Artifact):
-    """A field on a regular grid: solid where it is above the iso-value, void elsewhere.
+    """A field on a regular grid: the solid is where it is above the iso-value.
 
     Parameters
     ----------
     values : array (nx, ny, nz) float32
         Value [i, j, k] is at `origin + spacing * (i, j, k)`; one layer along z is a planar field or a section.
     origin : array (3,) float64
-        Place of the first value, mm.
+        Position of the first value, mm.
     spacing : float
         Distance from value to value, mm, the same along all axes.
     certificate : Certificate, optional
-        What the field promises of connectivity.
+        The field's certificate of connectivity.
     facts : mapping, optional
-        What its maker measured.
+        Measured by the stage that makes it.
     points, point_values : array (n, 3) float64, array (n,) float64, optional
-        Places that were asked for, mm, and the field itself there.
+        Requested points, mm, and the exact field there.
     pore_networks : int, default 1
-        Separate networks that its pores form by design: a sheet between two labyrinths has two.
+        Number of separate pore networks by design: a sheet surface has two.
 
     Raises
     ------
     StageError
-        An array has another shape, a value is not finite, or `spacing` is no length.
+        An array has another shape, a value is not finite, or `spacing` is not positive.
 
     Examples
     --------
@@ -181,7 +179,7 @@ class ScalarField(Artifact):
         super().__post_init__()
 
     def to_pyvista(self) -> pyvista.ImageData:
-        """Return a `pyvista.ImageData` in mm, the values as its point data `field`."""
+        """Return a `pyvista.ImageData` in mm, with the values as the point data `field`."""
         from scaffold_pipeline.artifacts.conversions import field_to_pyvista
 
         return field_to_pyvista(self)

@@ -1,4 +1,4 @@
-"""What an artifact shows of itself in a notebook: its facts in a small table; HTML with all texts escaped."""
+"""HTML of artifacts for notebooks: their facts in a small table, all texts escaped."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from scaffold_pipeline.artifacts.meshes import Artifact
 from scaffold_pipeline.artifacts.metrics import Metrics
 
 _MOST_ROWS = 40
-"""Facts that are shown: more are no longer taken in at a glance."""
+"""Number of facts shown: a longer table is not read at a glance."""
 
 
 def artifact_html(artifact: Artifact) -> str:
-    """Return the name of the artifact's type and its facts as HTML, a verdict first where it has one."""
+    """Return the name of the artifact's type and its facts as HTML, with its verdict first if it has one."""
     facts = artifact.values if isinstance(artifact, Metrics) else artifact.summary()
     verdict = f"<p>{verdict_html(artifact.summary()['quality'])}</p>" if isinstance(artifact, Metrics) else ""
     return f"<div><strong>{escape(type(artifact).__name__)}</strong>{verdict}{facts_table(facts)}</div>"
 
 
 def facts_table(facts: Mapping[str, object]) -> str:
-    """Return facts as a table of two columns, an empty text where there are none."""
+    """Return facts as a table of two columns, or an empty text without facts."""
     rows = [f"<tr><th>{escape(str(key))}</th><td>{escape(_text(value))}</td></tr>" for key, value in facts.items()]
     more = len(rows) - _MOST_ROWS
     if more > 0:
@@ -29,7 +29,7 @@ def facts_table(facts: Mapping[str, object]) -> str:
 
 
 def verdict_html(quality: object) -> str:
-    """Return the verdict that `quality` of the metrics holds: pass, not measured, or each gate that failed."""
+    """Return the verdict in `quality` of the metrics as HTML: pass, not measured, or the failed gates."""
     if isinstance(quality, str):
         return f"quality: <strong>{escape(quality)}</strong>"
     gates = quality if isinstance(quality, list | tuple) else [quality]

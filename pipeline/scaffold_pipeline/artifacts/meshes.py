@@ -1,4 +1,4 @@
-"""The values that stages hand to each other: frozen, checked once when made, their arrays locked.
+"""The base of all values passed between stages, and surfaces: immutable, and checked when they are made.
 
 Lengths are mm, axes are those of the input file. A mesh's triangles are counter-clockwise seen from outside.
 """
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import trimesh
 
 Fact: TypeAlias = str | int | float | bool | list[str] | list[float] | None
-"""What a summary, a record or `metrics.json` may hold under one key; a place or a direction is three numbers."""
+"""Types of a value in a summary, a record or `metrics.json`; a position or direction is three numbers."""
 
 Floats: TypeAlias = NDArray[np.float64]
 Ints: TypeAlias = NDArray[np.int64]
@@ -41,7 +41,7 @@ _SHORT.maxother = 60  # characters: a fact's or an artifact's within another
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Artifact:
-    """Base of what a slot can hold. Fields are arrays, facts, artifacts, or tuples of facts or artifacts."""
+    """Base of the values of slots. Fields are arrays, facts, artifacts, or tuples of facts or artifacts."""
 
     def __init_subclass__(cls, **options: object) -> None:
         super().__init_subclass__(**options)
@@ -60,38 +60,38 @@ class Artifact:
                 value.setflags(write=False)
 
     def summary(self) -> dict[str, Fact]:
-        """Return the facts of this value that belong into a report."""
+        """Return the facts of this value for a report."""
         return {}
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows of this value: its facts in a table."""
+        """Return this value's facts as a table for a notebook."""
         from scaffold_pipeline.artifacts.markup import artifact_html
 
         return artifact_html(self)
 
     def own_array(self, name: str, dtype: type, shape: tuple[int | None, ...]) -> None:
-        """Replace field `name` by a contiguous array of `dtype`, after checking its shape and finiteness.
+        """Replace field `name` by a contiguous array of `dtype`, after checking its shape and that it is finite.
 
-        Call it for each array in `__post_init__`, and the `__post_init__` above last, which locks them. An array that
-        is locked and of that type already is taken as it is, without a copy.
+        Call it for each array in `__post_init__`, and then call `super().__post_init__()`, which makes the arrays
+        read-only. An array that already is read-only and of that type is not copied.
 
         Parameters
         ----------
         name
-            The field; it may hold anything that numpy makes an array of.
+            The field; it may hold any value that numpy converts to an array.
         dtype
-            The type of number wanted: integers are taken for floats, floats not for integers.
+            The required type: integers are converted to floats, floats not to integers.
         shape
-            The length wanted along each axis; None for any.
+            The required length along each axis; None for any.
 
         Raises
         ------
         StageError
-            With the field's name, where the array has another shape or type, or a value that is not finite.
+            The array has another shape or type, or a value that is not finite; the error names the field.
 
         Examples
         --------
-        An artifact of a plug-in, at the top of a module so that the store finds its class by name:
+        An artifact of a plug-in, at the top level of a module, where the store finds its class by name:
 
         >>> @dataclass(frozen=True, eq=False)
         ... class Landmarks(Artifact):
@@ -135,7 +135,7 @@ def require_indices(owner: str, name: str, indices: Ints, count: int) -> None:
 
 
 def _unmatched_sides(faces: Ints, count: int) -> int:
-    """Return how many sides of `faces` (m, 3) no side runs along the other way: none where a surface is closed."""
+    """Count the half-edges of `faces` (m, 3) without an opposite half-edge: 0 if the surface is closed."""
     starts, ends = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     ways, back = np.sort(starts * count + ends), np.sort(ends * count + starts)
     if np.array_equal(ways, back):
@@ -150,7 +150,7 @@ class SurfaceMesh(Artifact):
     Parameters
     ----------
     vertices : array (n, 3) float64
-        Coordinates, mm. The mesh keeps a copy that cannot be written.
+        Coordinates, mm. The mesh keeps a read-only copy.
     faces : array (m, 3) int64
         Indices of each triangle's corners, counter-clockwise seen from outside.
 
@@ -185,12 +185,12 @@ class SurfaceMesh(Artifact):
         Parameters
         ----------
         mesh : trimesh.Trimesh
-            Where it knows its `units`, these must be mm.
+            If its `units` are set, they must be mm.
 
         Raises
         ------
         StageError
-            It is no `Trimesh`, is not in mm, or breaks a rule of this class.
+            It is not a `Trimesh`, is not in mm, or breaks a rule of this class.
 
         Examples
         --------
@@ -210,25 +210,25 @@ class SurfaceMesh(Artifact):
         Parameters
         ----------
         mesh : pyvista.PolyData
-            Faces alone, neither lines nor points.
+            Faces only, no lines or points.
 
         Raises
         ------
         StageError
-            It is no `PolyData`, has other cells, or breaks a rule of this class.
+            It is not a `PolyData`, has other cells, or breaks a rule of this class.
         """
         from scaffold_pipeline.artifacts.conversions import surface_from_pyvista
 
         return cls(*surface_from_pyvista(mesh))
 
     def to_trimesh(self) -> trimesh.Trimesh:
-        """Return a `trimesh.Trimesh` in mm with the same vertices and faces, in the same order, free to be changed."""
+        """Return a `trimesh.Trimesh` in mm with the same vertices and faces, in the same order, writable."""
         from scaffold_pipeline.artifacts.conversions import surface_to_trimesh
 
         return surface_to_trimesh(self)
 
     def to_pyvista(self) -> pyvista.PolyData:
-        """Return a `pyvista.PolyData` in mm with the same vertices and faces, free to be changed."""
+        """Return a `pyvista.PolyData` in mm with the same vertices and faces, writable."""
         from scaffold_pipeline.artifacts.conversions import surface_to_pyvista
 
         return surface_to_pyvista(self)
@@ -251,7 +251,7 @@ class SurfaceMesh(Artifact):
         return np.stack([self.vertices.min(axis=0), self.vertices.max(axis=0)])
 
     def _origin(self) -> Floats:
-        """Return a point amid the vertices: far from the file's origin, sums about it keep their digits."""
+        """Return a point among the vertices, relative to which sums are exact even far from the file's origin."""
         return self.bounds.mean(axis=0) if len(self.vertices) else np.zeros(3)
 
     def summary(self) -> dict[str, Fact]:
@@ -277,14 +277,14 @@ class OuterShape(SurfaceMesh):
     faces : array (m, 3) int64
         Indices of each triangle's corners, counter-clockwise seen from outside.
     notes : tuple of str, optional
-        What was done to make it so, in words.
+        What was done to the surface of the file, in words.
     facts : mapping, optional
-        The same by number.
+        The same as numbers.
 
     Raises
     ------
     StageError
-        The surface is open, its triangles disagree on which side is out, or they face inward.
+        The surface is open, its triangles are not consistently oriented, or they face inward.
 
     Examples
     --------
@@ -301,15 +301,15 @@ class OuterShape(SurfaceMesh):
         lone = _unmatched_sides(self.faces, len(self.vertices))
         if lone:
             raise StageError(
-                f"OuterShape: must be closed, with the next triangle across each side, but {lone} of "
-                f"{3 * len(self.faces)} sides have none that runs the other way; the stage load_surface repairs files"
+                f"OuterShape: must be closed and consistently oriented, but {lone} of "
+                f"{3 * len(self.faces)} triangle sides have no neighbour; the stage load_surface repairs files"
             )
         if self.volume <= 0.0:
             remedy = "; its triangles face inward: turn them, as in faces[:, ::-1]" if self.volume < 0.0 else ""
             raise StageError(f"OuterShape: must enclose a positive volume, got {self.volume:.6g} mm^3{remedy}")
 
     def summary(self) -> dict[str, Fact]:
-        """Return the surface's facts, the notes and what was done."""
+        """Return the surface's facts and notes."""
         return {**super().summary(), "notes": "; ".join(self.notes), **self.facts}
 
 
@@ -322,15 +322,15 @@ class IsoSurface(SurfaceMesh):
     vertices, faces : array (n, 3) float64, array (m, 3) int64
         As those of a `SurfaceMesh`.
     iso : float, default 0.0
-        The field's value on the surface: solid is where it is above.
+        The field's value on the surface: the solid is where the field is above it.
     porosity_requested : float, optional
-        The share of 1 that `iso` was solved for.
+        The porosity, from 0 to 1, that `iso` was solved for.
     skin : float, default 0.0
-        Shell that was counted as solid in solving, mm.
+        Thickness of the shell that was counted as solid in solving for the porosity, mm.
     facts : mapping, optional
-        What was done to the surface since.
+        What was done to the surface later.
     spacing : float, optional
-        Size of the field's voxels, mm; None where the surface comes from no voxels.
+        Size of the field's voxels, mm; None for a surface without voxels.
     """
 
     iso: float = 0.0
@@ -340,14 +340,14 @@ class IsoSurface(SurfaceMesh):
     spacing: float | None = None
 
     def summary(self) -> dict[str, Fact]:
-        """Return the surface's facts, the iso-value and what was removed."""
+        """Return the surface's facts, the iso-value and the facts of its cleaning."""
         asked = {"porosity_requested": self.porosity_requested}
         return {**super().summary(), "iso": self.iso, **asked, **self.facts}
 
 
 @dataclass(frozen=True, eq=False)
 class Solid(SurfaceMesh):
-    """The printable solid, mm, its coordinates exact in float32 so that no file rounds them further.
+    """The printable solid, mm; its coordinates are exact in float32, so that no file rounds them.
 
     Parameters
     ----------
@@ -356,7 +356,7 @@ class Solid(SurfaceMesh):
     pore_volumes : array (k,) float64, optional
         Volume of each connected piece of the pore space within the outer shape, mm^3, greatest first.
     facts : mapping, optional
-        What the clip to the outer shape did.
+        Counted by the clip to the outer shape.
 
     Raises
     ------
@@ -377,13 +377,13 @@ class Solid(SurfaceMesh):
             )
 
     def summary(self) -> dict[str, Fact]:
-        """Return the surface's facts and what the clip did."""
+        """Return the facts of the surface and of the clip."""
         return {**super().summary(), "pore_pieces": len(self.pore_volumes), **self.facts}
 
 
 @dataclass(frozen=True, eq=False)
 class WrittenFiles(Artifact):
-    """The files that a stage wrote: what each held when it was read back."""
+    """The files that a stage wrote, with facts of what was read back."""
 
     facts: Mapping[str, Fact]
 

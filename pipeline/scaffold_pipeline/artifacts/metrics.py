@@ -1,4 +1,4 @@
-"""What was measured on a result: numbers and verdict, distributions, curves, and places to look at."""
+"""Measured values of a result: numbers, verdict, distributions, curves, and findings with their places."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scaffold_pipeline.errors import StageError
 
 @dataclass(frozen=True, eq=False)
 class Histogram(Artifact):
-    """How a length or another number is distributed: `shares` (n,) of the whole between `edges` (n + 1,), in `unit`."""
+    """A distribution: `shares` (n,) of the whole between `edges` (n + 1,), in `unit`."""
 
     name: str
     title: str
@@ -26,13 +26,13 @@ class Histogram(Artifact):
         self.own_array("edges", np.float64, (None,))
         self.own_array("shares", np.float64, (max(len(self.edges) - 1, 0),))
         if not (np.diff(self.edges) > 0.0).all():
-            raise StageError(f"Histogram.edges: must rise, those of {self.name} do not")
+            raise StageError(f"Histogram.edges: must be ascending, those of {self.name} are not")
         super().__post_init__()
 
 
 @dataclass(frozen=True, eq=False)
 class Curve(Artifact):
-    """A measured function: `y` (n,) over rising `x` (n,), each with what it is, its unit included."""
+    """A measured function: `y` (n,) over ascending `x` (n,), each with a title that includes its unit."""
 
     name: str
     title: str
@@ -45,13 +45,13 @@ class Curve(Artifact):
         self.own_array("x", np.float64, (None,))
         self.own_array("y", np.float64, self.x.shape)
         if not (np.diff(self.x) > 0.0).all():
-            raise StageError(f"Curve.x: must rise, that of {self.name} does not")
+            raise StageError(f"Curve.x: must be ascending, that of {self.name} is not")
         super().__post_init__()
 
 
 @dataclass(frozen=True, eq=False)
 class Finding(Artifact):
-    """What a printer or a reader should look at: the `rule` that found it, a line about it, `places` (n, 3) mm."""
+    """Something to inspect before printing: the `rule` that found it, a line about it, its `places` (n, 3) mm."""
 
     rule: str
     message: str
@@ -64,10 +64,10 @@ class Finding(Artifact):
 
 @dataclass(frozen=True, eq=False)
 class Metrics(Artifact):
-    """What was measured on the finished solid, and the quality gates that it failed, one line a gate.
+    """The metrics of a result, and the quality gates that it failed, one line for each.
 
-    Without `has_gates` nothing was judged, so that nothing has passed. `strut_thickness` (n,) mm is the local
-    thickness at each vertex of the solid, NaN-free; empty where it was not measured.
+    Without `has_gates` there is no verdict. `strut_thickness` (n,) mm is the local thickness at each vertex of the
+    solid, without NaN; empty if it was not measured.
     """
 
     values: Mapping[str, Fact]
@@ -88,7 +88,7 @@ class Metrics(Artifact):
         return {**self.values, "quality": list(self.failed_gates) or passed}
 
     def details(self) -> dict[str, list[dict[str, Any]]]:
-        """Return histograms, curves and findings as JSON holds them: what `measures.json` is made of."""
+        """Return histograms, curves and findings as plain values for `measures.json`."""
         return {name: [_plain(entry) for entry in getattr(self, name)] for name in ("histograms", "curves", "findings")}
 
 

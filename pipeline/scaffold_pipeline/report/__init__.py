@@ -1,1 +1,1 @@
-"""What a run leaves for people and other tools: its files, its record and one page."""
+"""The results that a run writes: its files, its record and one page."""

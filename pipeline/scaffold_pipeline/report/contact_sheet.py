@@ -1,4 +1,4 @@
-"""Pictures side by side: small ones for a page, and many with captions as one picture, to be put into a paper."""
+"""Pictures side by side: thumbnails for a page, and one picture of many with captions, for a paper."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     Font: TypeAlias = FreeTypeFont | BitmapFont
 
 _QUALITY = 88
-"""Of JPEG: what a rendered surface shows no trace of."""
+"""JPEG quality without visible artefacts on a rendered surface."""
 
 _PICTURE, _GAP, _MARGIN = 300, 12, 40  # pixels
 _NAME, _TEXT, _LINE = 30, 24, 30  # pixels: sizes of type, and a line of text
 _MOST_WIDTH = 3 * _PICTURE
-"""Pixels that a cell is widened to where its name is long."""
+"""Width, pixels, of a cell with a long name."""
 _TALL = 1.25
-"""Makes a sheet of many cells about as tall as a page of paper is for its width."""
+"""Gives a sheet of many cells about the aspect ratio of a page of paper."""
 _MOST_LINES = 9
 _PAPER, _INK, _FAINT = (255, 255, 255), (35, 39, 46), (102, 112, 128)
 
@@ -43,7 +43,7 @@ class Cell:
 
 
 def in_order(names: Sequence[str], drawings: Sequence[Drawing]) -> list[str]:
-    """Return the names of the pictures among some files: those that are declared, as they are, then others.
+    """Return the names of the pictures among some files: declared ones in their order, then others.
 
     >>> declared = [Drawing("mesh.png", "Mesh", ""), Drawing("preview.png", "Solid", "")]
     >>> in_order(["preview.png", "solid.stl", "a.png", "mesh.png"], declared)
@@ -55,7 +55,7 @@ def in_order(names: Sequence[str], drawings: Sequence[Drawing]) -> list[str]:
 
 
 def thumbnail(path: Path) -> Image.Image | None:
-    """Return the picture in a file made small, on white; None where it cannot be read."""
+    """Return a thumbnail of the picture in a file, on white; None if it cannot be read."""
     try:
         with Image.open(path) as picture:
             whole = ImageOps.contain(picture.convert("RGBA"), (_PICTURE, _PICTURE), Image.Resampling.LANCZOS)
@@ -76,7 +76,7 @@ def to_jpeg(picture: Image.Image) -> bytes:
 def draw_sheet(title: str, cells: Sequence[Cell]) -> Image.Image:
     """Return a picture of all cells in rows, each with its pictures side by side and its lines under them.
 
-    A cell has room for as many pictures as most have; where there are more they are smaller.
+    Cells have room for the most common number of pictures; more pictures are drawn smaller.
     """
     across = max(1, mode(len(cell.pictures) for cell in cells))
     names = max(_font(_NAME).getlength(cell.name) for cell in cells)
@@ -99,7 +99,7 @@ def draw_sheet(title: str, cells: Sequence[Cell]) -> Image.Image:
 
 
 def _draw_cell(sheet: Image.Image, place: tuple[int, int, int], cell: Cell, text: Sequence[str]) -> None:
-    """Draw a cell at x, y, so wide."""
+    """Draw a cell at x, y of the given width."""
     x, y, width = place
     pen = ImageDraw.Draw(sheet)
     side = min(_PICTURE, (width + _GAP) // max(1, len(cell.pictures)) - _GAP)
@@ -115,14 +115,14 @@ def _draw_cell(sheet: Image.Image, place: tuple[int, int, int], cell: Cell, text
 
 
 def _fit_width(name: str, width: int) -> str:
-    """Return the end of a name that is too long: it tells points apart."""
+    """Return the end of a name that is too long: the ends of points' names differ."""
     font = _font(_NAME)
     starts = (name, *(f"\u2026{name[start:]}" for start in range(1, len(name))))
     return next((start for start in starts if font.getlength(start) <= width), name[-1:])
 
 
 def _wrap_lines(lines: Sequence[str], width: int) -> list[str]:
-    """Return `lines` broken at blanks to `width` pixels; what is beyond the most lines is cut off, with an ellipsis."""
+    """Return `lines` broken at blanks to `width` pixels; further lines are replaced by an ellipsis."""
     font, broken = _font(_TEXT), []
     for line in lines:
         current = ""

@@ -1,4 +1,4 @@
-"""What the stages of a run declare of its metrics, gates and drawings: from the record, or from what is installed."""
+"""The declarations of a run's metrics, gates and drawings: from its record, or from the installed stages."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from scaffold_pipeline.stages.contract import Stage
 from scaffold_pipeline.stages.registry import installed_stages, load_stage
 
 DECLARED = "declared"
-"""The key of the record under which the declarations stand."""
+"""The key of the declarations in the record."""
 
 RUN_METRICS = (
-    Metric("quality", "", "Quality", "Whether all gates are passed, or those that failed.", ""),
-    Metric("seconds", "s", "Time", "Of all stages, where they were run.", ""),
-    Metric("peak_memory_bytes", "B", "Memory", "Of the stage that needed most.", ""),
+    Metric("quality", "", "Quality", "pass, or the quality gates that failed.", ""),
+    Metric("seconds", "s", "Time", "Of all stages that were run.", ""),
+    Metric("peak_memory_bytes", "B", "Memory", "Of the stage that used most.", ""),
 )
-"""What each run tells of itself."""
+"""The metrics that every run has."""
 
 
 def declared_by(stages: Sequence[tuple[str, Stage]], slots: Collection[str]) -> Declared:
-    """Return what stages, each with its label, declare; `slots` are those that were written.
+    """Return the declarations of stages, each with its label; `slots` are those that were written.
 
-    The metrics of measuring stages come first: others declare the facts that these hand on.
+    The metrics of measuring stages come first; other stages declare the facts that these pass on.
     """
     measuring = [stage for _, stage in stages if issubclass(stage.output, Metrics)]
     others = [stage for _, stage in stages if stage not in measuring]
@@ -41,7 +41,7 @@ def declared_by(stages: Sequence[tuple[str, Stage]], slots: Collection[str]) -> 
 
 
 def declared_of(record: Mapping[str, Any]) -> Declared:
-    """Return what the record of a run declares; of one that is older, what its stages do as they are installed."""
+    """Return the declarations in a run's record, or of the installed stages if an older record has none."""
     found = record.get(DECLARED)
     if found is not None:
         return Declared.from_json(found)
@@ -54,26 +54,26 @@ def declared_of(record: Mapping[str, Any]) -> Declared:
 
 
 def declared_here() -> Declared:
-    """Return what all installed stages declare."""
+    """Return the declarations of all installed stages."""
     stages = [(stage.name, stage) for stage in installed_stages() if isinstance(stage, Stage)]
     return declared_by(stages, ())
 
 
 def stages_that_draw(suffix: str) -> list[str]:
-    """Return the installed stages that declare drawings in files of that suffix."""
+    """Return the installed stages that declare drawings in files with a suffix."""
     stages = (stage for stage in installed_stages() if isinstance(stage, Stage))
     return [stage.name for stage in stages if any(drawing.file.endswith(suffix) for drawing in stage.reports.drawings)]
 
 
 def used_by(declared: Declared, keys: Collection[str], files: Collection[str]) -> Declared:
-    """Return the declarations that some metrics and files need: what a record holds, without how they are computed."""
+    """Return the declarations of some metrics and files, for a record: without the methods of the metrics."""
     metrics = [replace(metric, method="") for metric in declared.metrics if any(metric.at(key) for key in keys)]
     drawings = [drawing for drawing in declared.drawings if any(drawing.at(file) for file in files)]
     return Declared(tuple(metrics), declared.gates, tuple(drawings), declared.viewers)
 
 
 def in_order(metrics: Mapping[str, Fact], declared: Declared) -> dict[str, Fact]:
-    """Return metrics in the order in which they are declared; those that none declares, and the run's own, last."""
+    """Return metrics in the order of their declarations; undeclared ones, and the run's own, are last."""
     return {key: metrics[key] for key in sorted(metrics, key=declared.rank)}
 
 
@@ -82,7 +82,7 @@ def _draws_view(stage: Stage) -> bool:
 
 
 def _viewers(slots: Collection[str]) -> Iterator[str]:
-    """Yield the installed stages that would draw a 3-D view of what was written to `slots`."""
+    """Yield the installed stages that can draw a 3-D view from `slots`."""
     for stage in installed_stages():
         if isinstance(stage, Stage) and _draws_view(stage) and stage.requires <= set(slots):
             yield stage.name

@@ -1,4 +1,4 @@
-"""The quality gates in words: which passed, which failed and by how much, which were not applied."""
+"""The quality gates of a run: passed, failed and by how much, or not applied."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SIGNS: Mapping[State, str] = {
 
 @dataclass(frozen=True)
 class JudgedGate:
-    """A gate, what became of it, and what is to be said of that; its line may begin with its name."""
+    """A gate, its state, and a line about it, which may begin with its name."""
 
     name: str
     state: State
@@ -34,17 +34,17 @@ class JudgedGate:
 
     @property
     def sign(self) -> str:
-        """A sign for what became of it."""
+        """A symbol for its state."""
         return _SIGNS[self.state]
 
     @property
     def words(self) -> str:
-        """What is to be said beside its name."""
+        """The line about it, without its name."""
         return self.about.removeprefix(f"{self.name}:").strip()
 
 
 def list_gates(record: Mapping[str, Any], metrics: Mapping[str, Fact], declared: Declared) -> list[JudgedGate]:
-    """Return the gates of a run, those that failed first; none where nothing was judged."""
+    """Return the gates of a run, failed ones first; none if no stage has gates."""
     quality = metrics.get("quality")
     failures = failed_gates(record.get("quality") if quality is None else quality)
     if failures is None:
@@ -59,12 +59,12 @@ def list_gates(record: Mapping[str, Any], metrics: Mapping[str, Fact], declared:
 
 
 def _gate(line: str, state: State) -> JudgedGate:
-    """Return the gate that a line, `name: what; remedy`, is about."""
+    """Return the gate of a line `name: fault; remedy`."""
     return JudgedGate(line.partition(":")[0], state, line)
 
 
 def _gates_by_parameters(record: Mapping[str, Any], declared: Declared) -> Iterator[JudgedGate]:
-    """Yield the declared gates of the stages that judged, as passed or switched off by their parameters."""
+    """Yield the declared gates of the stages with a verdict: passed, or switched off by a parameter."""
     parameters = {
         stage.get("label"): stage.get("parameters") or {}
         for stage in record.get("stages") or ()

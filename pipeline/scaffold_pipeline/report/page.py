@@ -1,4 +1,4 @@
-"""A run's record as one self-contained HTML page: what its template, `run.html.j2`, shows."""
+"""A run's record as one self-contained HTML page: the values for its template, `run.html.j2`."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from scaffold_pipeline.report.window import draw_window
 from scaffold_pipeline.report.wording import NOTHING, failed_gates, to_name, to_size, to_text
 
 _SHORT = 24
-"""Characters of a fact that has a place in the line of its stage."""
+"""Most characters of a fact shown in the line of its stage."""
 
 _MOST_BUTTONS, _MOST_LISTED = 12, 200
-"""Places of a finding that buttons lead to, and that are listed; the view marks more, `measures.json` has all."""
+"""Places of a finding with buttons, and in its list; the view marks more, and `measures.json` has all."""
 
 _WIDTH = re.compile(rb'<svg [^>]{0,100}\bwidth="([0-9]{1,6}(?:\.[0-9]{1,9})?)mm"')
 _TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
@@ -31,7 +31,7 @@ _STYLES = ("page.css", "run.css")
 
 
 def render_page(sources: Sources) -> str:
-    """Return the page of a run. What is missing or None is left out or shown as a dash."""
+    """Return the page of a run. Missing values are left out or shown as a dash."""
     record, metrics, declared = sources.record, sources.metrics, declared_of(sources.record)
     findings = _mappings(sources.measures, "findings")
     view, view_fault = _view(sources, findings, declared)
@@ -59,7 +59,7 @@ def _mappings(measures: Mapping[str, Any], name: str) -> list[Mapping[str, Any]]
 
 
 class Verdict(NamedTuple):
-    """What became of the quality gates, for the style and in words."""
+    """The result of the quality gates, as a style and in words."""
 
     kind: str
     words: str
@@ -88,14 +88,14 @@ def _headline(record: Mapping[str, Any], metrics: Mapping[str, Fact], declared: 
 
 
 class Cut(NamedTuple):
-    """A section through the solid, and what all such show."""
+    """A section through the solid, and a note for all sections."""
 
     figure: Figure
     meaning: str
 
 
 def _pictures(sources: Sources, declared: Declared) -> dict[str, object]:
-    """Return the pictures by where they are shown; the first that leads stands for the solid, with its name."""
+    """Return the pictures by their place on the page; the first lead picture shows the solid."""
     drawn = [(file, declared.drawing(file) or Drawing(file, file, "")) for file in sources.pictures]
     lead = next((file for file, drawing in drawn if drawing.place == "lead"), None)
     about = f"The solid {to_text(sources.record.get('name'))}"
@@ -115,14 +115,14 @@ def _pictures(sources: Sources, declared: Declared) -> dict[str, object]:
 
 
 def _figure(sources: Sources, file: str, about: str, caption: str = "") -> Figure:
-    """Return a picture of a file; drawings whose width is known in mm can share a scale."""
+    """Return the picture in a file; a drawing with a width in mm can be shown to scale."""
     content = sources.pictures[file]
     width = _WIDTH.match(content)
     return Figure(to_data_uri(_TYPES[file[-4:]], content), about, caption, float(width[1]) if width else None)
 
 
 def _view(sources: Sources, findings: list[Mapping[str, Any]], declared: Declared) -> tuple[DrawnView | None, str]:
-    """Return the 3-D view, if there is one, or what is wrong with it."""
+    """Return the 3-D view, if there is one, or its fault."""
     if sources.view is None:
         return None, ""
     try:
@@ -138,14 +138,14 @@ def _charts(measures: Mapping[str, Any]) -> Iterator[object]:
 
 
 class Place(NamedTuple):
-    """A place, mm: as the script moves to it, and as people read it."""
+    """A place, mm, exact for the script and rounded for people."""
 
     exact: str
     short: list[str]
 
 
 class Found(NamedTuple):
-    """A finding: buttons to its first places, and the list of more."""
+    """A finding: buttons for its first places, and a list of more."""
 
     number: int
     colour: str
@@ -172,7 +172,7 @@ def _finding(finding: Mapping[str, Any], number: int) -> Found:
 
 
 class StageLine(NamedTuple):
-    """A stage of the run: what it took, told and came from."""
+    """A stage of the run: its time and memory, facts, and parameters and hashes."""
 
     label: object
     use: object
@@ -218,12 +218,12 @@ def _stage(stage: Mapping[str, Any], longest: float, largest: float, declared: D
 
 
 def _share(value: float | None, whole: float) -> str | None:
-    """Return the share of the greatest, per cent."""
+    """Return a value's share of the greatest, per cent."""
     return f"{100.0 * value / whole:.0f}" if value and whole else None
 
 
 def _origin(stage: Mapping[str, Any]) -> list[tuple[str, Any]]:
-    """Return the parameters of a stage, the hashes of what it read and wrote, and its seed."""
+    """Return the parameters of a stage, the hashes of its inputs and outputs, and its seed."""
     origin = {
         **(stage.get("parameters") or {}),
         **{f"reads {slot}": digest for slot, digest in (stage.get("inputs") or {}).items()},
@@ -235,13 +235,13 @@ def _origin(stage: Mapping[str, Any]) -> list[tuple[str, Any]]:
 
 
 def _gist(facts: list[tuple[str, Any]]) -> str:
-    """Return the first short facts of a stage in a line."""
+    """Return the first short facts of a stage in one line."""
     short = [f"{key} {text}" for key, text in ((key, to_text(value)) for key, value in facts) if len(text) <= _SHORT]
     return ", ".join(short[:3]) or "facts"
 
 
 def _record(sources: Sources, declared: Declared) -> dict[str, object]:
-    """Return what the run came from, and how it is made again."""
+    """Return the values for the sections on configuration, record, repeating and citing the run."""
     record = sources.record
     config, files = record.get("config"), record.get("files") or {}
     text = sources.config or json.dumps(config, indent=2, ensure_ascii=False, default=str) if config else ""

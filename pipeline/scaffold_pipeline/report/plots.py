@@ -1,6 +1,6 @@
-"""Distributions and curves as drawings of a page: where bars, lines and marks lie; `charts.html.j2` draws them.
+"""Charts of distributions and curves: positions of bars, lines and marks, drawn by `charts.html.j2`.
 
-Not by matplotlib: 2 s of imports more, no dark colours, addresses in its SVG (docs/decisions/charts.md).
+Not by matplotlib: its imports take 2 s, and its SVG has fixed colours and addresses (docs/decisions/charts.md).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Pair = tuple[float, float]
 class Chart:
     """A drawing in its own units, 480 by 300: bars x, y, width, height, or a line, over the axes of `frame`.
 
-    `about` tells in words what it shows, `rows` its numbers under the titles `head`.
+    `about` describes it in words, `rows` are its numbers under the titles `head`.
     """
 
     frame: Frame
@@ -37,26 +37,26 @@ class Chart:
 
     @property
     def rules(self) -> list[tuple[float, str]]:
-        """Where lines run across, and the numbers at their ends."""
+        """The y of each grid line, and its number."""
         marks = ticks(self.frame.low, self.frame.high)
         return [(self.frame.y(mark), f"{100.0 * mark:.3g}\u202f%" if self.is_share else f"{mark:g}") for mark in marks]
 
     @property
     def ticks(self) -> list[tuple[float, str]]:
-        """Where marks stand along x, and their numbers."""
+        """The x of each tick, and its number."""
         return [(self.frame.x(mark), f"{mark:g}") for mark in ticks(self.frame.left, self.frame.right)]
 
 
-def draw_histogram(told: Mapping[str, Any]) -> Chart | None:
-    """Return a histogram of `measures.json` as a chart; None where its numbers are none."""
-    edges, shares = _numbers(told.get("edges")), _numbers(told.get("shares"))
+def draw_histogram(payload: Mapping[str, Any]) -> Chart | None:
+    """Return a histogram of `measures.json` as a chart; None if its numbers are invalid."""
+    edges, shares = _numbers(payload.get("edges")), _numbers(payload.get("shares"))
     if not shares or len(edges) != len(shares) + 1 or edges[-1] <= edges[0]:
         return None
-    unit = f", {told['unit']}" if told.get("unit") else ""
+    unit = f", {payload['unit']}" if payload.get("unit") else ""
     frame = Frame(edges[0], edges[-1], 0.0, 1.08 * max(*shares, 1e-9))
     spans = list(zip(edges, edges[1:], shares, strict=False))
     mean = sum(share * (low + high) / 2.0 for low, high, share in spans) / (sum(shares) or 1.0)
-    title = to_text(told.get("title"))
+    title = to_text(payload.get("title"))
     ends = f"from {to_text(edges[0])} to {to_text(edges[-1])}{unit}"
     return Chart(
         frame=frame,
@@ -71,18 +71,18 @@ def draw_histogram(told: Mapping[str, Any]) -> Chart | None:
     )
 
 
-def draw_curve(told: Mapping[str, Any]) -> Chart | None:
-    """Return a curve of `measures.json` as a chart; None where its numbers are none."""
-    xs, ys = _numbers(told.get("x")), _numbers(told.get("y"))
+def draw_curve(payload: Mapping[str, Any]) -> Chart | None:
+    """Return a curve of `measures.json` as a chart; None if its numbers are invalid."""
+    xs, ys = _numbers(payload.get("x")), _numbers(payload.get("y"))
     if len(xs) < 2 or len(xs) != len(ys) or xs[-1] <= xs[0]:  # a line has two ends
         return None
     low, high = min(0.0, *ys), max(*ys, 1e-9)
     frame = Frame(xs[0], xs[-1], low, high + 0.08 * (high - low))
-    titles = (to_text(told.get("x_title")), to_text(told.get("y_title")))
+    titles = (to_text(payload.get("x_title")), to_text(payload.get("y_title")))
     spans = [f"from {to_text(values[0])} to {to_text(values[-1])}" for values in (ys, xs)]
     return Chart(
         frame=frame,
-        title=to_text(told.get("title")),
+        title=to_text(payload.get("title")),
         about=f"{titles[1]} {spans[0]} over {titles[0]} {spans[1]}.",
         x_title=titles[0],
         y_title=titles[1],
@@ -94,7 +94,7 @@ def draw_curve(told: Mapping[str, Any]) -> Chart | None:
 
 @dataclass(frozen=True)
 class Frame:
-    """Where numbers of x and y lie in a drawing, in its own units."""
+    """Converts x and y to positions in a drawing, in its own units."""
 
     left: float
     right: float
@@ -102,15 +102,15 @@ class Frame:
     high: float
 
     INNER: ClassVar[tuple[float, float, float, float]] = (58.0, 470.0, 244.0, 12.0)
-    """Left, right, bottom and top of what lies within the axes."""
+    """Left, right, bottom and top of the area within the axes."""
 
     def x(self, value: float) -> float:
-        """Return where a number lies from left to right."""
+        """Return the horizontal position of a number."""
         left, right, _, _ = self.INNER
         return left + (value - self.left) / (self.right - self.left) * (right - left)
 
     def y(self, value: float) -> float:
-        """Return where a number lies from top to bottom."""
+        """Return the vertical position of a number."""
         _, _, bottom, top = self.INNER
         return bottom + (value - self.low) / (self.high - self.low) * (top - bottom)
 
@@ -134,7 +134,7 @@ def ticks(low: float, high: float) -> list[float]:
 
 
 def _numbers(values: object) -> Sequence[float]:
-    """Return finite numbers as they are; none where one is anything else."""
+    """Return finite numbers unchanged; an empty sequence if one is not a finite number."""
     listed = list(values) if isinstance(values, Iterable) and not isinstance(values, str | bytes | Mapping) else []
     is_number = [isinstance(value, int | float) and math.isfinite(value) for value in listed]
     return [float(value) for value in listed] if all(is_number) else []

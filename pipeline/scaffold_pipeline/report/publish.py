@@ -1,7 +1,7 @@
-"""What a finished run leaves in its directory: the files of its stages, the metrics, the record and the page.
+"""Write the results of a finished run into its directory: the files of its stages, metrics, record and page.
 
-Everything is made complete beside the directory's files and then renamed over them, `run.json` last: it names the
-hash of every other file. What an earlier run wrote and this one did not is removed.
+All files are first written to a temporary folder in the directory and then renamed, `run.json` last, as it has the hash
+of every other file. Files of an earlier run that this run did not write are removed.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def publish(plan: Plan, result: RunResult, out: Path) -> dict[str, Any]:
 def publish_page(folder: Path) -> Path:
     """Write the page of the finished run in `folder` again, from its record and files alone, and return its path.
 
-    Where it is another than the record names, as other versions of this package make it, the record is told its hash.
-    Raises `PipelineError` for a folder without a sound record, and where a file with results is another.
+    If its hash differs from the recorded one, as with another version of this package, the record is updated. Raises
+    `PipelineError` for a folder without a valid record, and if a file with results has changed.
     """
     record = read_record(folder)
     with locked(folder), _staging(folder) as name:
@@ -80,7 +80,7 @@ def publish_page(folder: Path) -> Path:
 
 
 def _page_of(folder: Path, record: Mapping[str, Any]) -> str:
-    """Return the page of a run; a record that holds something else than a run writes is an error that says so."""
+    """Return the page of a run; raises `PipelineError` for an invalid record."""
     try:
         return render_page(read_sources(folder, record))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -89,21 +89,21 @@ def _page_of(folder: Path, record: Mapping[str, Any]) -> str:
 
 
 def _write_page(staging: Path, record: dict[str, Any]) -> None:
-    """Write the page of staged files, from the record as a file gives it back, and name it in the record."""
+    """Write the page of staged files, from the record after a round trip through JSON, and add it to the record."""
     as_read = json.loads(json.dumps(record))
     (staging / PAGE).write_text(render_page(read_sources(staging, as_read)), encoding="utf-8")
     record["files"][PAGE] = _file_facts(staging / PAGE)
 
 
 def _staging(out: Path) -> TemporaryDirectory[str]:
-    """Return a new folder beside the files of `out`, where what a killed run left of one is removed."""
+    """Return a new temporary folder in `out`, after removing those of killed runs."""
     for leftover in out.glob(f"{_STAGING}*"):
         rmtree(leftover, ignore_errors=True)
     return TemporaryDirectory(dir=out, prefix=_STAGING)
 
 
 def run_metrics(result: RunResult) -> dict[str, Fact]:
-    """Return the flat metrics of a run: what was measured, the time and the memory that it took."""
+    """Return the flat metrics of a run: measured values, time and memory."""
     measured = result.metrics.summary() if result.metrics else {"quality": "not measured"}
     peak = max(step.peak_memory_bytes for step in result.steps)
     seconds = round(sum(step.seconds for step in result.steps), 3)
@@ -130,7 +130,7 @@ def _record(plan: Plan, result: RunResult, staging: Path) -> dict[str, Any]:
 
 
 def environment(stages: Collection[str] = ()) -> dict[str, Any]:
-    """Return what results may come from beside their inputs: versions, those of `stages` too, and the machine."""
+    """Return what may affect results besides their inputs: versions, also those of `stages`, and the machine."""
     return {
         "versions": {**library_versions(), **stage_owners(stages)},
         "platform": {
@@ -144,7 +144,7 @@ def environment(stages: Collection[str] = ()) -> dict[str, Any]:
 
 
 def library_versions() -> dict[str, str]:
-    """Return the version of this package and of everything that it requires."""
+    """Return the versions of this package and of all packages that it requires."""
     names = [Requirement(text).name for text in requires("scaffold-pipeline") or [] if "extra ==" not in text]
     found = {"scaffold-pipeline": __version__}
     for name in sorted(names):
@@ -162,7 +162,7 @@ def _write_json(path: Path, value: Mapping[str, Any]) -> None:
 
 
 def _replace(out: Path, staging: Path, record: Mapping[str, Any]) -> None:
-    """Rename the staged files over those of `out`, drop what an earlier record alone names, the record last."""
+    """Move the staged files to `out`, the record last, and remove files that only an earlier record names."""
     stale = _recorded_files(out) - set(record["files"])
     for name in record["files"]:
         (staging / name).replace(out / name)
@@ -172,7 +172,7 @@ def _replace(out: Path, staging: Path, record: Mapping[str, Any]) -> None:
 
 
 def _recorded_files(out: Path) -> set[str]:
-    """Return the names of the files of `out` that its record names; none where there is no sound record."""
+    """Return the names of the files in the record of `out`; none without a valid record."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         earlier = json.loads((out / RECORD).read_text(encoding="utf-8"))["files"]
         return {name for name in earlier if Path(name).name == name and (out / name).is_file()}

@@ -1,4 +1,4 @@
-"""Templates to pages: every value is escaped by the engine, but for our own styles and scripts."""
+"""Pages from templates: every value is escaped by jinja2, except the package's own styles and scripts."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _TEMPLATES = Path(__file__).with_name("templates")
 
 
 class Cell(NamedTuple):
-    """A cell of a table that tells a number in words, and the number that it is sorted by; None sorts last."""
+    """A cell of a table: its text, and the number that it is sorted by; None sorts last."""
 
     text: str
     value: float | None
 
 
 class Figure(NamedTuple):
-    """A picture in a page: `source` a data URI, `about` for those who do not see it, a width in mm where it has one."""
+    """A picture in a page: `source` is a data URI, `about` the alternative text, `width` in mm or None."""
 
     source: str
     about: str
@@ -34,12 +34,12 @@ class Figure(NamedTuple):
 
 
 def to_data_uri(kind: str, content: bytes) -> str:
-    """Return a file of that MIME type as an address that asks for nothing."""
+    """Return a file as a data URI of a MIME type, which loads nothing."""
     return f"data:{kind};base64,{b64encode(content).decode()}"
 
 
 def render(template: str, *, styles: Iterable[str], scripts: Iterable[str], **context: object) -> str:
-    """Return a page: a template with its context, and the files of its styles and of the one script that it may run."""
+    """Return a page: a template with its context, its style files, and the one script that it may run."""
     script = "".join(map(_read, scripts))
     digest = b64encode(sha256(script.encode()).digest()).decode()
     own = {"style": Markup("".join(map(_read, styles))), "script": Markup(script)}  # noqa: S704 - files of this package
@@ -48,7 +48,7 @@ def render(template: str, *, styles: Iterable[str], scripts: Iterable[str], **co
 
 @cache
 def _environment() -> Environment:
-    """Return the engine: autoescape for all files, a name that is not there is an error, JSON as data for scripts."""
+    """Return jinja2's environment: all values escaped, undefined names are errors, JSON for scripts."""
     environment = Environment(
         loader=FileSystemLoader(_TEMPLATES),
         autoescape=True,
@@ -64,7 +64,7 @@ def _environment() -> Environment:
         "name": to_name,
         "size": to_size,
         "sort_key": lambda value: "" if value is None else f"{value:.9g}",
-        "told": to_text,
+        "text": to_text,
     }
     return environment
 

@@ -1,4 +1,4 @@
-"""How a run is made again, and how the software is cited, in words."""
+"""How to repeat a run, and how to cite the software."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ TITLE = "scaffold-pipeline"
 ABOUT = "From an anatomical surface to a printable porous scaffold, a staged, reproducible ARBF pipeline"
 PAPER_AUTHORS = "Liu, Y., Guo, Y., Yu, Z."
 PAPER = "Porous Structure Design in Tissue Engineering Using Anisotropic Radial Basis Function"
-"""As `CITATION.cff` has them: a test compares."""
+"""As in `CITATION.cff`; a test compares them."""
 
 CITATIONS = (f"{AUTHORS}: {TITLE} (version {__version__}). {ABOUT}.", f"{PAPER_AUTHORS}: {PAPER}.")
 """The software, and the paper whose field it computes."""
 
 
 def needed_files(record: Mapping[str, Any]) -> list[str]:
-    """Return the input files that a run read, each with its hash."""
+    """Return the input files of a run, each with its hash."""
     return sorted(
         f"{(stage.get('parameters') or {}).get(name)}: SHA-256 {digest}"
         for stage in record.get("stages") or ()

@@ -1,4 +1,4 @@
-"""The results as people read them: each metric as its stage declares it, under the heading that it names."""
+"""The results for people: each metric with its declared title and unit, under its heading."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class Group(NamedTuple):
 
 
 def headline(metrics: Mapping[str, Fact], declared: Declared) -> list[Line]:
-    """Return the metrics that tell most."""
+    """Return the metrics for the top of the page."""
     return [
         _line(metric, metrics) for metric in declared.shown_in("headline", metrics) if metrics[metric.key] is not None
     ]
 
 
 def group_results(metrics: Mapping[str, Fact], declared: Declared) -> list[Group]:
-    """Return what was measured, by heading; what is None is left out, and what other keys tell."""
+    """Return the metrics by heading; those that are None or deprecated are left out."""
     groups: dict[str, list[Line]] = {}
     for key in sorted(current_keys(metrics, declared), key=declared.rank):
         metric = declared.metric(key)
@@ -43,13 +43,13 @@ def group_results(metrics: Mapping[str, Fact], declared: Declared) -> list[Group
 
 
 def list_metrics(metrics: Mapping[str, Fact], declared: Declared) -> list[tuple[str, str | Cell]]:
-    """Return all of `metrics.json` but what other keys tell, in the order of the declarations."""
+    """Return all metrics except deprecated ones, in the order of the declarations."""
     keys = sorted(current_keys(metrics, declared), key=declared.rank)
     return [(key, to_cell(metrics[key])) for key in keys]
 
 
 def current_keys(facts: Mapping[str, Any], declared: Declared) -> Iterator[str]:
-    """Yield the keys of facts but for deprecated ones whose replacement is there too: older runs have the old alone."""
+    """Yield the keys of facts, without deprecated ones whose replacement exists; older runs have only the old keys."""
     for key in facts:
         metric = declared.metric(key)
         if metric is None or metric.instead not in facts:

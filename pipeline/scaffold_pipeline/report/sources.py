@@ -1,4 +1,4 @@
-"""What a run's page is made of: files of the run directory alone, so that the record gives the same page again."""
+"""The sources of a run's page: only files of the run directory, so that `report` can repeat the page."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from scaffold_pipeline.runs.store import hash_file
 RECORD = "run.json"
 METRICS = "metrics.json"
 MEASURES = "measures.json"
-"""Distributions, curves and findings: what is not a number under a key."""
+"""Distributions, curves and findings."""
 CONFIG = "config.yaml"
 PAGE = "report.html"
 
@@ -25,9 +25,9 @@ _PICTURES = (".png", ".svg")
 
 @dataclass(frozen=True)
 class Sources:
-    """A run's record, what it measured, its config as text, and its pictures and view as bytes.
+    """A run's record, its measures, its config as text, and its pictures and view as bytes.
 
-    `missing` names the pictures of the record that are gone or are others now.
+    `missing` are the names of recorded pictures that are missing or have changed.
     """
 
     record: Mapping[str, Any]
@@ -40,7 +40,7 @@ class Sources:
 
 
 def read_record(folder: Path) -> dict[str, Any]:
-    """Return the record of the finished run in `folder`; raises `PipelineError` where there is none."""
+    """Return the record of the finished run in `folder`; raises `PipelineError` if there is none."""
     path = folder / RECORD
     try:
         record: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
@@ -55,9 +55,9 @@ def read_record(folder: Path) -> dict[str, Any]:
 
 
 def read_sources(folder: Path, record: Mapping[str, Any]) -> Sources:
-    """Return what the page of a run is made of; `record` is that of the run in `folder`.
+    """Return the sources of a run's page; `record` is that of the run in `folder`.
 
-    Raises `PipelineError` where a file with results is not the one that the record names; a picture is left out.
+    Raises `PipelineError` if a file with results is not the recorded one; such a picture is left out.
     """
     files = {name: facts for name, facts in record["files"].items() if name != PAGE}
     whole = {name for name, facts in files.items() if _is_recorded(folder, name, facts)}
@@ -77,12 +77,12 @@ def read_sources(folder: Path, record: Mapping[str, Any]) -> Sources:
     )
 
 
-def _is_record(found: object) -> bool:
-    """Return whether what stands in a file has the parts of a record."""
+def _is_record(content: object) -> bool:
+    """Return whether the content of a file has the parts of a record."""
     parts = {"stages": list, "files": dict, "versions": dict, "platform": dict}
-    if not (isinstance(found, dict) and all(isinstance(found.get(key), kind) for key, kind in parts.items())):
+    if not (isinstance(content, dict) and all(isinstance(content.get(key), kind) for key, kind in parts.items())):
         return False
-    files, stages = found["files"].values(), found["stages"]
+    files, stages = content["files"].values(), content["stages"]
     return all(isinstance(facts, dict) and "sha256" in facts for facts in files) and all(
         isinstance(stage, dict) for stage in stages
     )

@@ -1,4 +1,4 @@
-"""The solid in 3-D as a part of the page: what `view.npz` holds, packed, and what `view.html.j2` shows of it."""
+"""The 3-D view of the solid: the content of `view.npz`, packed, and the values for `view.html.j2`."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ from scaffold_pipeline.report.wording import to_text
 Arrays: TypeAlias = Mapping[str, NDArray[Any]]
 
 RAMP = ("#440154", "#472d7b", "#3b528b", "#2c728e", "#21918c", "#28ae80", "#5ec962", "#addc30", "#fde725")
-"""Viridis, which people who confuse colours read too, from thin to thick."""
+"""Viridis, readable with colour blindness, from thin to thick."""
 
 MARKS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#23272e")
-"""Of Okabe and Ito's colours, which all people tell apart: one a rule."""
+"""Okabe and Ito's colours, distinct with colour blindness: one for each rule."""
 
 MOST_PLACES = 2000
-"""Places of a finding that the view marks."""
+"""Most places of a finding that the view marks."""
 
 _BONE, _CAP, _GLASS = "#e3dac9", "#b4603e", "#5b8fc0"
 _FULL = 65535
-"""Of a packed coordinate: 1/65535 of the longest side is finer than a screen shows."""
+"""Greatest packed coordinate: 1/65535 of the longest side is finer than a screen shows."""
 
 _ENDS = (2.0, 95.0)
-"""Percentiles of the strut thickness between which colours run: a few thick nodes would leave all else dark."""
+"""Percentiles of the strut thickness at the ends of the colour scale; with a few thick nodes all else would be dark."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """What `view.npz` holds: copies of few triangles, (n, 3) mm and (m, 3), and a thickness a vertex, (n,) or (0,).
+    """The content of `view.npz`: simplified surfaces, (n, 3) mm and (m, 3), and a thickness per vertex, (n,) or (0,).
 
-    `triangles` is the count of the solid's own.
+    `triangles` is the number of triangles of the solid itself.
     """
 
     vertices: NDArray[np.float64]
@@ -50,7 +50,7 @@ class View:
 
 
 def read_view(content: bytes) -> View:
-    """Return what a file `view.npz` holds; raises `ValueError` for one that is damaged or another."""
+    """Return the content of a file `view.npz`; raises `ValueError` if it is damaged or another kind of file."""
     try:
         with np.load(BytesIO(content), allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
@@ -60,7 +60,7 @@ def read_view(content: bytes) -> View:
     except (OSError, EOFError, KeyError, TypeError, BadZipFile, zlib.error) as error:
         raise ValueError(f"is damaged ({error})") from error
     if len(view.thickness) not in {0, len(view.vertices)} or not len(view.faces):
-        raise ValueError("is no view of a solid")
+        raise ValueError("is not a view of a solid")
     return view
 
 
@@ -82,7 +82,7 @@ def _values(arrays: Arrays) -> NDArray[np.float64]:
 
 
 class Mark(NamedTuple):
-    """A finding whose places the view marks: its number among all, its rule, its colour, and how many places."""
+    """A finding whose places the view marks: its number, its rule, its colour, and its number of places."""
 
     number: int
     rule: object
@@ -92,7 +92,7 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True)
 class DrawnView:
-    """What `view.html.j2` shows: the facts for the script, and the packed arrays in text."""
+    """The values for `view.html.j2`: the facts for the script, and the packed arrays as text."""
 
     facts: Mapping[str, Any]
     packed: str
@@ -141,7 +141,7 @@ def draw_view(view: View, findings: Sequence[Mapping[str, Any]]) -> DrawnView:
 
 
 def _pack_view(view: View, low: NDArray[np.float64], scale: float, ends: list[float] | None) -> bytes:
-    """Return faces, places and thickness as the script unpacks them: numbers of 4, 2 and 1 bytes, deflated."""
+    """Return faces, vertices and thickness packed for the script: numbers of 4, 2 and 1 bytes, deflated."""
     corners = [faces.astype("<u4") for faces in (view.faces, view.outer_faces)]
     places = [np.rint((points - low) / scale * _FULL).astype("<u2") for points in (view.vertices, view.outer_vertices)]
     thickness = np.empty(0)
@@ -152,7 +152,7 @@ def _pack_view(view: View, low: NDArray[np.float64], scale: float, ends: list[fl
 
 
 def places_of(finding: Mapping[str, Any]) -> list[list[float]]:
-    """Return the places of a finding that are such: three finite numbers, mm."""
+    """Return the valid places of a finding: three finite numbers each, mm."""
     found = finding.get("places")
     try:
         places = np.asarray(found if isinstance(found, list) else [], np.float64).reshape(-1, 3)
@@ -163,7 +163,7 @@ def places_of(finding: Mapping[str, Any]) -> list[list[float]]:
 
 
 def colour_of(number: int) -> str:
-    """Return the colour that marks the finding of that number."""
+    """Return the colour that marks a finding, by its number."""
     return MARKS[number % len(MARKS)]
 
 
@@ -182,5 +182,4 @@ def _view_summary(view: View) -> str:
     shown, whole = len(view.faces), view.triangles
     if shown >= whole:
         return f"All {to_text(whole)} triangles are shown."
-    told = f"{to_text(shown)} triangles are shown of {to_text(whole)}"
-    return f"Simplified for this page: {told}; the files have all of them."
+    return f"Simplified for this page to {to_text(shown)} of {to_text(whole)} triangles; the files have all of them."

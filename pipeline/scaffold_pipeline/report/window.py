@@ -1,4 +1,4 @@
-"""The window of the certificate as a bar of a page: where its bands and marks lie; `charts.html.j2` draws it."""
+"""The window of the certificate as a bar: positions of its bands and marks, drawn by `charts.html.j2`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scaffold_pipeline.report.wording import to_text
 
 
 class Band(NamedTuple):
-    """A part of the bar: `open` where all is well, `closed` or `broken`."""
+    """A part of the bar: `open` (channels open and struts whole), `closed` or `broken`."""
 
     kind: str
     x: float
@@ -32,7 +32,7 @@ class Mark(NamedTuple):
 
 
 class Window(NamedTuple):
-    """The bar, and what it says in a sentence."""
+    """The bar, and its meaning in a sentence."""
 
     bands: tuple[Band, ...]
     marks: tuple[Mark, ...]
@@ -40,7 +40,7 @@ class Window(NamedTuple):
 
 
 def draw_window(metrics: Mapping[str, Fact]) -> Window | None:
-    """Return the certificate's window: where channels close, where struts break, the iso-value; None without one."""
+    """Return the certificate's window: limits of channels and struts, and the iso-value; None without a certificate."""
     closed, broken, iso = (_finite(metrics.get(key)) for key in ("channel_max", "strut_min", "iso"))
     if closed is None or broken is None:
         return None
@@ -62,7 +62,7 @@ def draw_window(metrics: Mapping[str, Fact]) -> Window | None:
 
 @dataclass(frozen=True)
 class _Scale:
-    """Where field values from `low` to `high` lie on the bar, in its own units."""
+    """Positions of field values from `low` to `high` on the bar, in its own units."""
 
     low: float
     high: float
@@ -87,14 +87,14 @@ class _Scale:
 
 def _judgement(closed: float, broken: float, iso: float | None) -> str:
     if iso is None:
-        return "The field's promise before any voxel was computed."
+        return "The certificate of the field, computed before any voxel."
     if closed < iso < broken:
-        return "The iso-value lies within the window: as sampled, every channel is open and every strut whole."
+        return "The iso-value is in the window: as sampled, every channel is open and every strut whole."
     faults = [
-        *([f"{to_text(closed - iso)} below channel_max, so channels are closed"] if iso <= closed else []),
-        *([f"{to_text(iso - broken)} above strut_min, so struts are broken"] if iso >= broken else []),
+        *([f"{to_text(closed - iso)} below channel_max, so some channels are closed"] if iso <= closed else []),
+        *([f"{to_text(iso - broken)} above strut_min, so some struts are broken"] if iso >= broken else []),
     ]
-    return f"The iso-value lies {' and '.join(faults)}."
+    return f"The iso-value is {' and '.join(faults)}."
 
 
 def _finite(value: Fact) -> float | None:

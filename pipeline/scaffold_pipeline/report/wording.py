@@ -1,4 +1,4 @@
-"""Numbers, times and verdicts as people read them."""
+"""Numbers, times and verdicts as text for people."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from collections.abc import Iterable
 _GATE_STARTS = re.compile(r"; (?=[a-z_]+: )")  # a gate's line, `name: what; remedy`, may hold a semicolon itself
 
 NOTHING = "\u2013"
-"""What stands where there is no value."""
+"""The text for a missing value."""
 
 
 def to_text(value: object) -> str:
-    """Return a fact for people: four digits of a number, more where it is almost 1; yes or no; a dash for none.
+    """Return a fact as text: numbers with four digits, more if close to 1; yes or no; a dash for None.
 
     >>> [to_text(value) for value in (0.65432, 0.99998, 1234567, 12345.6, True, None, [1.0, 2.34567])]
     ['0.6543', '0.99998', '1\u202f234\u202f567', '12\u202f346', 'yes', '\u2013', '1, 2.346']
@@ -33,7 +33,7 @@ def to_text(value: object) -> str:
 
 
 def to_name(number: object) -> str | None:
-    """Return a number that names something, such as a seed, digit by digit, to be copied.
+    """Return an identifying number, such as a seed, with all digits and no spaces.
 
     >>> [to_name(number) for number in (4398626441190084260, None)]
     ['4398626441190084260', None]
@@ -42,7 +42,7 @@ def to_name(number: object) -> str | None:
 
 
 def to_duration(seconds: float | None) -> str:
-    """Return a time for people.
+    """Return a time as text.
 
     >>> [to_duration(seconds) for seconds in (0.0123, 4.2, 125.0, 7300.0, None)]
     ['0.01 s', '4.2 s', '2 min 5 s', '2 h 1 min', '\u2013']
@@ -57,7 +57,7 @@ def to_duration(seconds: float | None) -> str:
 
 
 def to_size(count: float | None) -> str:
-    """Return a number of bytes for people.
+    """Return a number of bytes as text.
 
     >>> [to_size(count) for count in (512, 56085484, 3.2e9, None)]
     ['512 B', '56.1 MB', '3.2 GB', '\u2013']
@@ -72,7 +72,7 @@ def to_size(count: float | None) -> str:
 
 
 def failed_gates(quality: object) -> list[str] | None:
-    """Return the quality gates that failed, from `quality` of the metrics or the record; None if not measured."""
+    """Return the failed quality gates in `quality` of the metrics or the record; None if not measured."""
     if isinstance(quality, str):
         if quality in {"", "not measured"}:
             return None

@@ -1,1 +1,1 @@
-"""From a plan to artifacts, files and a record: results are stored by what they come from."""
+"""Run a plan: artifacts, files and a record; results are stored under a hash of their inputs."""

@@ -1,4 +1,4 @@
-"""What all measuring stages of a run found, as one: their numbers, gates, distributions, curves and places."""
+"""The metrics of all measuring stages of a run, combined: numbers, gates, distributions, curves and findings."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from scaffold_pipeline.artifacts import Metrics
 from scaffold_pipeline.errors import StageError
 
 _SHOWN = 5
-"""Keys that a fault names: enough to see what doubles; `measure` has more than fifty."""
+"""Most keys that an error lists; `measure` has more than fifty."""
 
 
 def merge_metrics(measured: Mapping[str, Metrics]) -> Metrics | None:
-    """Return the metrics of all stages, by their labels, as one, in their order; None where nothing was measured.
+    """Return the combined metrics of all stages, by their labels, in their order; None without metrics.
 
-    The run has passed where no gate of any stage failed, and was judged where one of them judged. Raises `StageError`
-    where two stages give the same key, or a histogram, a curve or the struts' thickness of the same name.
+    The run has gates if any stage has, and passes if no gate of any stage failed. Raises `StageError` if two stages
+    have the same key, histogram or curve, or both have a thickness of the struts.
     """
     if len(measured) < 2:
         return next(iter(measured.values()), None)
@@ -43,14 +43,14 @@ def _require_distinct(measured: Mapping[str, Metrics]) -> None:
             others = ", ".join(dict.fromkeys(owners[name] for name in doubled))
             more = f" and {len(doubled) - _SHOWN} more" if len(doubled) > _SHOWN else ""
             raise StageError(
-                f"{label}: measures {', '.join(doubled[:_SHOWN])}{more}, which {others} has measured too; leave one of "
-                "them out, or give their keys other names where they are your own"
+                f"{label}: measures {', '.join(doubled[:_SHOWN])}{more}, which {others} also measures; remove one of "
+                "them, or rename the keys if the stage is yours"
             )
         owners |= dict.fromkeys(names, label)
 
 
 def _names(metrics: Metrics) -> Iterator[str]:
-    """Yield what may be there once in a run: the keys, and what pages find by its name."""
+    """Yield names that must be unique in a run: keys, histograms, curves and the thickness of the struts."""
     yield from metrics.values
     yield from (f"the histogram {entry.name}" for entry in metrics.histograms)
     yield from (f"the curve {entry.name}" for entry in metrics.curves)

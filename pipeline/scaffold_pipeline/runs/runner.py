@@ -1,8 +1,8 @@
-"""A plan to artifacts, files and a record.
+"""Run a plan: artifacts, files and a record.
 
-Every step has a key: its stage, with its version and those of its libraries, its parameters with the content of the
-files they name, its seed, and the hashes of what it reads. A step whose key has a stored result is not run again, so a
-run that was stopped, failed or killed goes on where it was. Files reach the run directory only when all steps are done.
+The key of a step is a hash of its stage, with its version and those of its libraries, its parameters with the content
+of their files, its seed, and the hashes of its inputs. A step with a stored result for its key is not run again, so a
+run that was stopped, failed or was killed resumes. Files are moved to the run directory only after all steps are done.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ STORE = ".store"
 """Folder of a run directory that holds the results of its stages."""
 
 OWN_FILES = frozenset({"config.yaml", "measures.json", "metrics.json", "report.html", "run.json"})
-"""Files of a run directory that are written by no stage."""
+"""Files of a run directory that no stage writes."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What a run tells whoever watches it."""
+    """Callbacks for the progress of a run."""
 
     started: Callable[[Step, int, int], None] = lambda _step, _number, _count: None
     finished: Callable[[StepRecord], None] = lambda _record: None
@@ -55,9 +55,9 @@ class Progress:
 
 @dataclass(frozen=True)
 class _Run:
-    """What one call of `execute` works on; `forced` are the labels still to be run though they are stored.
+    """The state of one call of `execute`; `forced` are labels still to be run although their results are stored.
 
-    `executor` is who else can work on parts of a stage, if anybody.
+    `executor` computes parts of a stage in other processes, or is None.
     """
 
     plan: Plan
@@ -80,19 +80,19 @@ class _Run:
 
 @dataclass
 class _State:
-    """The slots while a plan runs: who wrote each, and the values that were made or read in this process."""
+    """The slots while a plan runs: the step that wrote each, and the values in memory."""
 
     records: dict[str, StepRecord] = field(default_factory=dict)
     values: dict[str, Artifact] = field(default_factory=dict)
 
     def hashes(self, step: Step) -> dict[str, str]:
-        """Return the hash behind each argument that `step` reads."""
+        """Return the hash of the value of each argument that `step` reads."""
         return {argument: self.records[slot].output for argument, slot in step.sources.items()}
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """The steps that ran or were reused, the metrics if any were measured, and whether the plan was finished.
+    """The steps that ran or were reused, the metrics if there are any, and whether the plan was finished.
 
     `warnings` are the run's own; those of a stage are in its record.
     """
@@ -119,12 +119,11 @@ def execute(  # noqa: PLR0913 - all but two by name, each a choice of its own
     cache: Cache | None = None,
     executor: Executor | None = None,
 ) -> RunResult:
-    """Run `plan` with its results stored in `out`, as far as the step labelled `until`.
+    """Run `plan` up to the step labelled `until`, and store its results in `out`.
 
-    What another run has put into `cache` is used, and what is made here put there. Stages that can be computed in parts
-    give these to `executor`, whose processes have the same packages. Steps whose labels are in `force`
-    are run again though their results are stored. Raises `StageError` for a stage that fails; what was finished before
-    it stays stored.
+    Results of other runs are taken from `cache`, and new ones are added to it. Stages that can be computed in parts use
+    `executor`, whose processes must have the same packages. Steps whose labels are in `force` are run again although
+    their results are stored. Raises `StageError` if a stage fails; the results of earlier stages stay stored.
     """
     started = time.monotonic()
     with locked(out):
@@ -140,9 +139,9 @@ def execute(  # noqa: PLR0913 - all but two by name, each a choice of its own
 
 @contextmanager
 def locked(out: Path) -> Iterator[None]:
-    """Make the run directory `out` if need be, and hold it for this thread alone; it may hold it already.
+    """Create the run directory `out` if needed, and lock it for this thread, which may already hold the lock.
 
-    Raises `PipelineError` where another run holds it.
+    Raises `PipelineError` if another run has locked it.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -161,7 +160,7 @@ def locked(out: Path) -> Iterator[None]:
 
 
 def unchanged_labels(plan: Plan, out: Path, force: Collection[str] = (), cache: Cache | None = None) -> list[str]:
-    """Return the labels of the steps that `execute` is sure not to run again; reads the stores and writes nothing."""
+    """Return the labels of the steps that `execute` will not run again; reads the stores and writes nothing."""
     state, labels = _State(), []
     stores = [Store(out / STORE), *([cache.store] if cache else [])]
     for step in plan.steps:
@@ -175,16 +174,16 @@ def unchanged_labels(plan: Plan, out: Path, force: Collection[str] = (), cache: 
 
 
 def _run_despite_damage(run: _Run) -> tuple[list[StepRecord], Metrics | None]:
-    """Go through the plan, from the start again wherever a stored value is not whole: its result is then forgotten.
+    """Run the plan; if a stored value is damaged, delete its result and start again.
 
-    A value is loaded only where its step was not run in this pass, so that a sound disk needs one more pass for
-    each step at most.
+    A value is loaded only if its step was not run in this pass, so that on a sound disk there is at most one more pass
+    for each step.
     """
     for _ in run.plan.steps:
         try:
             return _run_steps(run)
         except DamagedStoreError as damage:
-            run.warn(f"{damage}; the stage that made it is run again")
+            run.warn(f"{damage}; its stage is run again")
     return _run_steps(run)
 
 
@@ -199,7 +198,7 @@ def _run_steps(run: _Run) -> tuple[list[StepRecord], Metrics | None]:
         records.append(record)
         run.progress.finished(record)
         if issubclass(step.stage.output, Metrics):
-            _metrics(run, state)  # a clash of keys is told before anything else is computed
+            _metrics(run, state)  # a duplicate key is reported before the next stage is run
         if step.label == run.until:
             break
         _drop_unread(run.plan, number, state)
@@ -207,14 +206,14 @@ def _run_steps(run: _Run) -> tuple[list[StepRecord], Metrics | None]:
 
 
 def _require_new_names(record: StepRecord, earlier: Iterable[StepRecord]) -> None:
-    """Require that no two steps write a file of the same name: both go into one directory."""
+    """Require that no two steps write a file of the same name, as all files go into one directory."""
     for other in earlier:
         for name in sorted(set(record.files) & set(other.files)):
-            raise StageError(f"{record.label}: writes {name}, which {other.label} has written too; remove one of them")
+            raise StageError(f"{record.label}: writes {name}, which {other.label} also writes; remove one of them")
 
 
 def _drop_unread(plan: Plan, number: int, state: _State) -> None:
-    """Free the values that no later step reads."""
+    """Free the memory of values that no later step reads."""
     wanted = {slot for step in plan.steps[number + 1 :] for slot in step.sources.values()}
     state.values = {slot: value for slot, value in state.values.items() if slot in wanted}
 
@@ -251,7 +250,7 @@ def _stored_result(run: _Run, step: Step, key: str) -> dict[str, Any] | None:
 
 
 def _reuse(step: Step, stored: Mapping[str, Any]) -> StepRecord:
-    """Return a stored record as one of this run, whose names of stage, slot and files may be others."""
+    """Return a stored record as one of this run, in which labels, slots and file names may differ."""
     record = StepRecord(**{**stored, "warnings": tuple(stored["warnings"])})
     parameters = step.params.model_dump(mode="json")
     return replace(record, label=step.label, slot=step.slot, parameters=parameters, reused=True)
@@ -276,7 +275,7 @@ def _run_step(run: _Run, step: Step, key: str, state: _State) -> tuple[StepRecor
         output, messages = _call(step, {**inputs, **engine})
         files = _save_files(step, Path(folder), run.store)
     if input_files(step) != files_read:
-        raise StageError(f"{step.label}: a file that it reads was changed meanwhile; run again")
+        raise StageError(f"{step.label}: an input file was changed during the run; run again")
     try:
         record = StepRecord(
             label=step.label,
@@ -304,7 +303,7 @@ def _run_step(run: _Run, step: Step, key: str, state: _State) -> tuple[StepRecor
 
 
 def _engine_arguments(run: _Run, step: Step, out: Path) -> dict[str, object]:
-    """Return what the engine gives to the stage beside its slots."""
+    """Return the arguments that the engine gives to the stage besides its slots."""
     offered: dict[str, Callable[[], object]] = {
         "params": lambda: step.params,
         "rng": lambda: np.random.default_rng(step.seed(run.plan.seed)),
@@ -316,11 +315,11 @@ def _engine_arguments(run: _Run, step: Step, out: Path) -> dict[str, object]:
 
 
 def _save_files(step: Step, folder: Path, store: Store) -> dict[str, str]:
-    """Store what the stage left in its folder; return the hash of each file by name."""
+    """Store the files that the stage wrote in its folder; return the hash of each by name."""
     files = {}
     for path in sorted(folder.iterdir()):
         if not path.is_file() or path.name in OWN_FILES or path.name.startswith("."):
-            rule = f"`out` may hold plain files, not called {', '.join(sorted(OWN_FILES))} or with a dot first"
+            rule = f"`out` may hold only plain files, not named {', '.join(sorted(OWN_FILES))} or with a leading dot"
             raise StageDefinitionError(f"{step.label}: {rule}, got {path.name}")
         files[path.name] = store.save_file(path)
     return files
@@ -341,7 +340,7 @@ def _call(step: Step, arguments: Mapping[str, object]) -> tuple[Artifact, tuple[
             raise StageError(f"{step.label}: failed unexpectedly: {kind}; --debug shows where") from error
     if not isinstance(output, step.stage.output):
         got, promised = type(output).__name__, step.stage.output.__name__
-        raise StageDefinitionError(f"{step.label}: returned a {got}, but its annotation promises a {promised}")
+        raise StageDefinitionError(f"{step.label}: returned a {got}, but its annotation is {promised}")
     messages = [str(warning.message) for warning in caught if issubclass(warning.category, PipelineWarning)]
     return output, tuple(dict.fromkeys(messages))
 
@@ -352,7 +351,7 @@ def _labelled_error(error: PipelineError, step: Step) -> PipelineError:
 
 
 def _metrics(run: _Run, state: _State) -> Metrics | None:
-    """Return what has been measured so far, all stages' in one; what a stage wrote over counts no more."""
+    """Return the combined metrics of all stages so far, without those in slots written again."""
     measured: dict[str, Metrics] = {}
     for step in run.plan.steps:
         record = state.records.get(step.slot)

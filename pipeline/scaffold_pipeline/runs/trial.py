@@ -1,4 +1,4 @@
-"""A stage run twice on given inputs, and what it did besides returning a result: what `testing.check_stage` tells."""
+"""Run a stage twice on given inputs and report its side effects: the second part of `testing.check_stage`."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ _CACHES = frozenset({"__pycache__", ".cache"})
 _CACHE_VARIABLES = ("NUMBA_CACHE_DIR", "MPLCONFIGDIR", "XDG_CACHE_HOME")
 _DEVICES = Path("/dev")
 _CHANGES = {"os.mkdir": 1, "os.remove": 1, "os.rename": 2, "os.rmdir": 1, "os.link": 2, "os.symlink": 2}
-"""Audit events of Python that change a folder, and how many of their arguments are paths."""
+"""Python's audit events that change a folder, with the number of their arguments that are paths."""
 
 _FOR_WRITING = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
 
 
 @dataclass(frozen=True)
 class _Trial:
-    """A stage with all that it is called with, and the folder that all of this may happen in."""
+    """A stage with all arguments of a call, and the folder that it may write in."""
 
     stage: Stage
     inputs: Mapping[str, Artifact]
@@ -57,13 +57,13 @@ class _Trial:
 
 
 def run_faults(stage: Stage, inputs: Mapping[str, Artifact], given: Mapping[str, Any] | Params, seed: int) -> list[str]:
-    """Return a line for each rule that `stage` breaks when it is run; what it raises is passed on."""
+    """Return a line for each rule that `stage` breaks when it is run; its own errors are passed on."""
     faults = list(_input_faults(stage, inputs))
     try:
         params = given if isinstance(given, stage.params) else stage.params.model_validate(given, context={"base": "."})
     except ValidationError as error:
         details = without_consequences(error.errors(include_url=False))
-        return [*faults, *(f"the parameters given are refused: {parameter_fault(detail, stage)}" for detail in details)]
+        return [*faults, *(f"the given parameters are invalid: {parameter_fault(detail, stage)}" for detail in details)]
     if faults:
         return faults
     with TemporaryDirectory(prefix="stage-trial-") as name, ThreadPoolExecutor(2) as executor:
@@ -76,7 +76,7 @@ def run_faults(stage: Stage, inputs: Mapping[str, Artifact], given: Mapping[str,
             second = _results_of_call(trial, store, "second", executor, faults)
             faults += _differences(stage, first, second)
         faults += (
-            f"changes its input {argument!r}; make another artifact instead"
+            f"changes its input {argument!r}; return a new artifact instead"
             for argument, value in inputs.items()
             if store.save(value) != before[argument]
         )
@@ -89,64 +89,64 @@ def _input_faults(stage: Stage, inputs: Mapping[str, Artifact]) -> Iterator[str]
             yield f"the input {name!r} must be {with_article(read.type)}, got {with_article(type(inputs[name]))}"
         elif name not in inputs and not read.optional:
             yield f"needs the input {name!r}, {with_article(read.type)}, to be run; give it in `inputs`"
-    yield from (f"reads no {name!r}, which is among the inputs given" for name in inputs if name not in stage.reads)
+    yield from (f"does not read the given input {name!r}" for name in inputs if name not in stage.reads)
 
 
 def _results_of_call(
     trial: _Trial, store: Store, name: str, executor: Executor | None, faults: list[str]
 ) -> dict[str, str]:
-    """Call the stage once; return the hash of what it gave and of each file, and add to `faults` what it did."""
+    """Call the stage once; return the hashes of its result and of each file, and add its side effects to `faults`."""
     out = trial.folder / name / "out"
     out.mkdir(parents=True)
     with _watch(trial.folder, trial.folder / name, faults):
         output = trial.call(out, executor)
     if not isinstance(output, trial.stage.output):
         faults.append(
-            f"returned {with_article(type(output))}, but its annotation promises {with_article(trial.stage.output)}"
+            f"returned {with_article(type(output))}, but its annotation is {with_article(trial.stage.output)}"
         )
         return {}
     faults += (
-        f"the array {entry.name!r} of its {type(output).__name__} can be written to; call `own_array` in __post_init__"
+        f"the array {entry.name!r} of its {type(output).__name__} is writable; call `own_array` in __post_init__"
         for entry in fields(output)
         if isinstance(array := getattr(output, entry.name), np.ndarray) and array.flags.writeable
     )
     for path in sorted(out.iterdir()):
         if not path.is_file() or path.name in OWN_FILES or path.name.startswith("."):
-            rule = f"`out` may hold plain files, not called {', '.join(sorted(OWN_FILES))} or with a dot first"
+            rule = f"`out` may hold only plain files, not named {', '.join(sorted(OWN_FILES))} or with a leading dot"
             faults.append(f"{rule}, got {path.name}")
     files = {path.name: hash_file(path) for path in sorted(out.iterdir()) if path.is_file()}
     return {"": _stored_hash(output, store, faults), **files}
 
 
 def _stored_hash(output: Artifact, store: Store, faults: list[str]) -> str:
-    """Return the hash of an artifact once it has been stored and brought back as it was."""
+    """Return the hash of an artifact, after checking that it is equal when loaded from the store."""
     kind = type(output).__name__
     try:
         digest, summary = store.save(output), hash_json(output.summary())
         again = store.load(digest)
         is_same = type(again) is type(output) and store.save(again) == digest and hash_json(again.summary()) == summary
     except (TypeError, ValueError, PipelineError) as error:
-        faults.append(f"its {kind} cannot be stored and brought back: {error}")
+        faults.append(f"its {kind} cannot be stored and loaded: {error}")
         return ""
     if not is_same:
-        faults.append(f"its {kind} is another one when it comes back from the store; make all of it of its fields")
+        faults.append(f"its {kind} differs when loaded from the store; keep all its state in its fields")
     return digest
 
 
 def _differences(stage: Stage, first: Mapping[str, str], second: Mapping[str, str]) -> Iterator[str]:
-    """Yield what two calls gave of which only one may be right."""
+    """Yield the results that differ between two equal calls."""
     if not stage.is_repeatable:
         return
     remedy = "draw random numbers from `rng` alone, order sets, or declare it repeatable=False"
     for name in sorted(first.keys() | second.keys()):
         if first.get(name) != second.get(name):
             what = f"file {name}" if name else stage.output.__name__
-            yield f"called twice alike, it gives another {what}; {remedy}"
+            yield f"two equal calls give a different {what}; {remedy}"
 
 
 @contextmanager
 def _watch(allowed: Path, place: Path, faults: list[str]) -> Iterator[None]:
-    """Have the working directory and temporary files below `place`, and add to `faults` what a call leaves or moves."""
+    """Put the working directory and temporary files below `place`, and add what a call changes there to `faults`."""
     work, temporary, home = place / "work", place / "temporary", Path.cwd()
     work.mkdir()
     temporary.mkdir()
@@ -156,7 +156,7 @@ def _watch(allowed: Path, place: Path, faults: list[str]) -> Iterator[None]:
         with _temporary_files_in(temporary), _changes_outside(allowed, faults), _only_our_warnings(faults):
             yield
         if Path.cwd() != work:
-            faults.append("changes the working directory; pass paths to what it calls instead")
+            faults.append("changes the working directory; use paths instead")
     finally:
         os.chdir(home)
     if _random_state() != state:
@@ -166,7 +166,7 @@ def _watch(allowed: Path, place: Path, faults: list[str]) -> Iterator[None]:
 
 
 def _random_state() -> tuple[object, ...]:
-    name, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002 - what is looked after is this very state
+    name, keys, *rest = np.random.get_state(legacy=True)  # noqa: NPY002 - this state itself is checked
     return name, keys.tobytes(), *rest  # type: ignore[union-attr]
 
 
@@ -193,13 +193,13 @@ def _only_our_warnings(faults: list[str]) -> Iterator[None]:
         if not issubclass(warning.category, PipelineWarning):
             place = f"{Path(warning.filename).name}:{warning.lineno}"
             faults.append(
-                f"warns {warning.category.__name__} in {place}: {warning.message}; tell users by "
-                "scaffold_pipeline.errors.warn, and prevent all others"
+                f"warns {warning.category.__name__} in {place}: {warning.message}; warn users by "
+                "scaffold_pipeline.errors.warn, and avoid all other warnings"
             )
 
 
 class _Auditor:
-    """Python's own changes of files while somebody asks for them: an audit hook cannot be taken off again."""
+    """Records changes of files by Python code while it is active, as an audit hook cannot be removed."""
 
     def __init__(self) -> None:
         self.report: Callable[[Path], None] | None = None
@@ -216,7 +216,7 @@ class _Auditor:
         is_write = event == "open" and isinstance(arguments[2], int) and bool(arguments[2] & _FOR_WRITING)
         for path in arguments[: 1 if is_write else _CHANGES.get(event, 0)]:
             if isinstance(path, (str, bytes, os.PathLike)):
-                self.report(Path(os.path.abspath(os.fsdecode(path))))  # noqa: PTH100 - looks at no file
+                self.report(Path(os.path.abspath(os.fsdecode(path))))  # noqa: PTH100 - does not access the file
 
 
 _AUDITOR = _Auditor()
@@ -224,7 +224,7 @@ _AUDITOR = _Auditor()
 
 @contextmanager
 def _changes_outside(allowed: Path, faults: list[str]) -> Iterator[None]:
-    """Add to `faults` the files that Python code changes in other places than `allowed`, caches and devices."""
+    """Add to `faults` the files that Python code changes outside `allowed`, caches and devices."""
     places = [allowed, _DEVICES, *(Path(os.environ[name]) for name in _CACHE_VARIABLES if os.environ.get(name))]
 
     def report(path: Path) -> None:

@@ -1,7 +1,7 @@
-"""What a stage is, where the installed ones are found, what they say of themselves; and each as a function.
+"""The contract of stages, the installed stages, and each of them as a function.
 
-`scaffold_pipeline.stages.NAME` is the installed stage `NAME`, a plug-in's too: slots are arguments, parameters are
-keywords, `seed` is there where it is random and `out` where it writes files.
+`scaffold_pipeline.stages.NAME` is the installed stage `NAME`, also of a plug-in: slots are arguments and parameters are
+keywords; a random stage also takes `seed`, a stage that writes files `out`.
 
 Examples
 --------

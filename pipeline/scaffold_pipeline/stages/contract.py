@@ -1,4 +1,4 @@
-"""What a stage is: a plain typed function, the slots it reads and writes, and the parameters it takes.
+"""The contract of a stage: a typed function, the slots that it reads and writes, and its parameters.
 
     class JitterParams(Params):
         amount: Annotated[float, Unit("mean edge lengths")] = Field(default=0.2, ge=0.0, lt=0.5)
@@ -6,10 +6,10 @@
     @stage(writes="mesh", version=1)
     def jitter(mesh: VolumeMesh, *, params: JitterParams, rng: np.random.Generator) -> VolumeMesh: ...
 
-The names of the positional arguments are the slots read, their annotations the types; `X | None = None` reads
-a slot that may be absent. Keyword arguments are the engine's: `params`; `rng` where the stage is random; `out`, a
-folder, where the stage writes files; `config_hash` where its files name the configuration that they come from;
-`executor`, an `Executor` or None, where others can compute parts of it, on which no bit of the result may depend.
+The names of the positional arguments are the slots read, and their annotations are the types; `X | None = None` reads a
+slot that may be absent. The engine passes the keyword arguments: `params`; `rng` if the stage is random; `out`, a
+folder, if it writes files; `config_hash` if its files name their configuration; `executor`, an `Executor` or None, if
+other processes can compute parts of it; the result must be the same to the bit with and without it.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ StageFunction = TypeVar("StageFunction", bound=Callable[..., Artifact])
 
 @dataclass(frozen=True)
 class Unit:
-    """The unit of a parameter, for people: `Annotated[float, Unit("mm")]`."""
+    """The unit of a parameter, for help texts: `Annotated[float, Unit("mm")]`."""
 
     name: str
 
 
 @dataclass(frozen=True)
 class Follows:
-    """A parameter that, left out, takes the value given to another stage's: `Follows("intersect_outer", "skin")`."""
+    """A parameter that by default has the value of another stage's parameter: `Follows("intersect_outer", "skin")`."""
 
     stage: str
     parameter: str
@@ -64,7 +64,7 @@ def _require_each_once(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 EachOnce = AfterValidator(_require_each_once)
-"""For a list of formats: `Annotated[tuple[Format, ...], EachOnce]` refuses one that is named twice."""
+"""For a list of formats: `Annotated[tuple[Format, ...], EachOnce]` refuses duplicates."""
 
 
 def _require_printable(title: str) -> str:
@@ -74,16 +74,16 @@ def _require_printable(title: str) -> str:
 
 
 Title = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_require_printable)]
-"""What a file is called within: one line of text."""
+"""The title inside a file: one line of text."""
 
 
 def _resolve_input_file(path: Path, info: ValidationInfo) -> Path:
-    """Resolve `path` against the folder of its configuration and require that a file is there."""
+    """Resolve `path` against the folder of its configuration and require that the file exists."""
     base = (info.context or {}).get("base")
     try:
         resolved = Path(base or Path(), path.expanduser()).resolve()
         is_directory, is_file = resolved.is_dir(), resolved.is_file()
-    except (OSError, RuntimeError) as error:  # a name too long for the system, a `~user` who is not there
+    except (OSError, RuntimeError) as error:  # a name too long for the system, or an unknown `~user`
         raise ValueError(f"cannot be a file's path: {error}") from error
     if is_directory:
         raise ValueError(f"must be a file, but {resolved} is a directory")
@@ -91,20 +91,20 @@ def _resolve_input_file(path: Path, info: ValidationInfo) -> Path:
         remedy = "; paths in a config are relative to the config" if base else ""
         raise ValueError(f"no such file: {resolved}{remedy}")
     if not os.access(resolved, os.R_OK):
-        raise ValueError(f"may not be read: {resolved}; change its permissions")
+        raise ValueError(f"cannot be read: {resolved}; change its permissions")
     return resolved
 
 
 @dataclass(frozen=True)
 class InputFileMark:
-    """Marks a parameter as a file that the stage reads: its content, not its name, decides what is run again."""
+    """Marks a parameter as an input file: its content, not its name, determines whether a stage is run again."""
 
 
 InputFile = Annotated[Path, AfterValidator(_resolve_input_file), InputFileMark()]
 
 
 class Params(BaseModel):
-    """Base of every stage's parameters: frozen, nothing unknown, nothing infinite; docstrings describe fields."""
+    """Base of every stage's parameters: frozen, without unknown keys or infinite values; docstrings describe fields."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 
@@ -127,7 +127,7 @@ def _marks_within(annotation: object) -> list[object]:
 
 @dataclass(frozen=True)
 class Read:
-    """A slot that a stage reads: the type it must hold, and whether the stage can do without it."""
+    """A slot that a stage reads: its type, and whether it is optional."""
 
     type: type[Artifact]
     optional: bool
@@ -135,7 +135,7 @@ class Read:
 
 @dataclass(frozen=True)
 class Reports:
-    """What a stage says of what it gives, for the tables of pages and the README."""
+    """The declarations of a stage's results, for pages and the README."""
 
     metrics: tuple[Metric, ...] = ()
     gates: tuple[Gate, ...] = ()
@@ -144,7 +144,7 @@ class Reports:
 
 @dataclass(frozen=True)
 class Stage:
-    """A checked stage: what the plan and the runner know of it."""
+    """A checked stage, as the plan and the runner use it."""
 
     name: str
     function: Callable[..., Artifact]
@@ -160,7 +160,7 @@ class Stage:
 
     @property
     def requires(self) -> set[str]:
-        """The slots that it cannot do without."""
+        """The slots that it requires."""
         return {argument for argument, read in self.reads.items() if not read.optional}
 
     @property
@@ -170,10 +170,10 @@ class Stage:
 
     @cached_property
     def libraries(self) -> dict[str, str]:
-        """The version of each distribution whose code shapes what the stage returns, numpy always among them.
+        """The version of each distribution that can affect the result of the stage, always including numpy.
 
-        Read off the imports of its sources where it is first asked for, as a run does, and a listing does not. Raises
-        `StageDefinitionError` where one of the sources is no Python.
+        They are found from the imports of its sources, at the first use by a run; a listing does not need them. Raises
+        `StageDefinitionError` if a source has a syntax error.
         """
         module = self.function.__module__
         try:
@@ -192,7 +192,7 @@ class _Declaration:
     reports: Reports
 
 
-def stage(  # noqa: PLR0913 - all by name, each a declaration of its own
+def stage(  # noqa: PLR0913 - all by name, independent of each other
     *,
     writes: str,
     version: int,
@@ -202,15 +202,14 @@ def stage(  # noqa: PLR0913 - all by name, each a declaration of its own
     gates: Collection[Gate] = (),
     drawings: Collection[Drawing] = (),
 ) -> Callable[[StageFunction], StageFunction]:
-    """Declare a function to be a stage that writes slot `writes`; it stays a plain callable function.
+    """Declare a function as a stage that writes slot `writes`; it can still be called as a function.
 
-    `version` is raised whenever the function may return something else for the same input: stored results of
-    other versions are then no longer used. Nor are those made with other versions of the libraries that its sources
-    import (`Stage.libraries`). `libraries` is needed only for installed distributions, by their names, which no import
-    shows, as what is loaded by a computed name.
-    What is not `repeatable` gives something else at each call, as a library may: then only what is stored is the same.
-    `metrics` are the keys that it measures or hands on as facts, `gates` those that it judges by, `drawings` the files
-    that pages show: none of these changes what is stored.
+    Raise `version` whenever the function may return a different result for the same input: results of other versions
+    are not used again, nor are those of other versions of the libraries that its sources import (`Stage.libraries`).
+    `libraries` names further installed distributions that no import statement shows, such as one loaded by a computed
+    name. A stage that is not deterministic is declared with `repeatable=False`: only its stored result is the same.
+    `metrics` are those that it measures or passes on as facts, `gates` its quality gates, `drawings` its files that
+    pages show; these three do not affect stored results.
     """
     reports = Reports(tuple(metrics), tuple(gates), tuple(drawings))
     declaration = _Declaration(writes, version, (*libraries,), repeatable, reports)
@@ -223,7 +222,7 @@ def stage(  # noqa: PLR0913 - all by name, each a declaration of its own
 
 
 def stage_from_function(name: str, function: object) -> Stage:
-    """Read the contract off a declared function; a `StageDefinitionError` names what does not keep it."""
+    """Return the stage of a declared function; raises `StageDefinitionError` if it breaks the contract."""
     declaration = getattr(function, _DECLARATION, None)
     if declaration is None or not callable(function):
         raise StageDefinitionError(f"stage {name!r}: {function!r} is not a function decorated with @stage(...)")
@@ -258,7 +257,7 @@ def _version(name: str, library: str) -> str:
         return version_of(library)
     except PackageNotFoundError as error:
         raise StageDefinitionError(
-            f"stage {name!r}: the library {library!r} that it declares is not installed; name a distribution"
+            f"stage {name!r}: its declared library {library!r} is not installed; name a distribution"
         ) from error
 
 
@@ -272,7 +271,7 @@ def _hints(name: str, function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _require_single_files(name: str, params: type[Params]) -> None:
-    """Require that each `InputFile` stands alone or beside None, where the runner looks for it."""
+    """Require that each `InputFile` is a parameter by itself or in a union with None, as the runner expects."""
     for parameter in params.marked(InputFileMark):
         annotation = params.model_fields[parameter].annotation
         members = typing.get_args(annotation) if _is_union(annotation) else (annotation,)
@@ -284,7 +283,7 @@ def _require_switches(name: str, params: type[Params], gates: Collection[Gate]) 
     for gate in gates:
         if gate.switch not in params.model_fields:
             raise StageDefinitionError(
-                f"stage {name!r}: gate {gate.name!r} is switched by {gate.switch!r}, which is no parameter of it"
+                f"stage {name!r}: gate {gate.name!r} is switched by {gate.switch!r}, which is not one of its parameters"
             )
 
 

@@ -1,4 +1,4 @@
-"""What is wrong with parameters, in the words that every way to give them has in common: a file, `--set`, a call."""
+"""Messages for faults of parameters, the same for a file, `--set` and a call from Python."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def without_consequences(details: Iterable[ErrorDetails]) -> list[ErrorDetails]:
 
 
 def parameter_fault(detail: ErrorDetails, stage: Stage) -> str:
-    """Return pydantic's finding on a parameter of `stage` as: parameter, rule, value, remedy."""
+    """Return pydantic's error on a parameter of `stage` as: parameter, rule, value, remedy."""
     place = ".".join(str(part) for part in detail["loc"])
     if detail["type"] == "extra_forbidden":
         return unknown_parameter(place, stage)
@@ -38,7 +38,7 @@ def parameter_fault(detail: ErrorDetails, stage: Stage) -> str:
 
 
 def unknown_parameter(place: str, stage: Stage) -> str:
-    """Return the fault of a parameter that `stage` does not have, with the nearest that it has."""
+    """Return the fault of a parameter that `stage` does not have, with the most similar one that it has."""
     return f"unknown parameter {place!r}{did_you_mean(place, stage.params.model_fields)}"
 
 
@@ -49,13 +49,13 @@ def with_article(kind: type) -> str:
 
 
 def format_value(value: object) -> str:
-    """Return a value as a fault shows it."""
+    """Return a value as text for a fault."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."  # keeps a fault on one line
 
 
 def to_plain(value: object) -> Any:  # noqa: ANN401 - what YAML can hold
-    """Return a value from Python as YAML would give it: numpy's numbers and arrays, tuples and paths made plain.
+    """Return a Python value as YAML would have it: numpy numbers and arrays, tuples and paths become plain values.
 
     >>> to_plain({"counts": np.array([4, 2, 2]), "edge": np.float32(0.5), "path": PurePath("heel.stl")})
     {'counts': [4, 2, 2], 'edge': 0.5, 'path': 'heel.stl'}

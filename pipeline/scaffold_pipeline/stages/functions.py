@@ -1,4 +1,4 @@
-"""Installed stages as plain functions: slots are arguments, parameters are keywords, every fault is one line."""
+"""Installed stages as functions: slots are arguments, parameters are keywords, every fault is one line."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ _OUT = inspect.Parameter("out", inspect.Parameter.KEYWORD_ONLY, annotation=str |
 _EXECUTOR = inspect.Parameter("executor", inspect.Parameter.KEYWORD_ONLY, default=None, annotation=Executor | None)
 
 _ENGINE = {"rng": _SEED, "out": _OUT, "executor": _EXECUTOR}
-"""What a caller gives where the stage asks the engine for it."""
+"""Arguments of the caller that replace those of the engine."""
 
 _MEANINGS = {
-    "seed": "All randomness comes from it: a config with this seed moves the same things by the same amounts.",
-    "out": "Folder for the files that are written; made where it is not there.",
-    "executor": "Computes parts of a large field in other processes; no bit of the result depends on it.",
+    "seed": "Seed of all random numbers: a config with this seed gives the same result.",
+    "out": "Folder for the written files; created if missing.",
+    "executor": "Computes parts of a large field in other processes; the result is the same to the bit.",
 }
 _ABSENT = {"seed": "the stage is not random", "out": "the stage writes no files", "executor": "the stage has no parts"}
 
@@ -56,8 +56,8 @@ _FUNCTIONS: dict[str, tuple[Stage, Callable[..., Any]]] = {}
 def stage_function(name: str) -> Callable[..., Any]:
     """Return the installed stage `name` as a function of its slots and parameters, the same at every call.
 
-    Raises `LookupError` with the nearest name where there is none, and `StageDefinitionError` where it breaks the
-    contract, or where a slot and a parameter of it have one name.
+    Raises `LookupError` with the most similar name if there is none, and `StageDefinitionError` if the stage breaks the
+    contract or has a slot and a parameter of the same name.
     """
     stage = load_stage(name)
     if _FUNCTIONS.get(name, (None,))[0] is not stage:
@@ -107,7 +107,7 @@ def _engine(stage: Stage) -> list[inspect.Parameter]:
 
 
 def _document(stage: Stage) -> str:
-    """Return the stage's docstring with a numpydoc section for what it takes, gives and raises."""
+    """Return the stage's docstring with numpydoc sections for its parameters, result and errors."""
     slots = [
         (name, read.type.__name__ + (", optional" if read.optional else ""), _first_line(read.type))
         for name, read in stage.reads.items()
@@ -121,8 +121,8 @@ def _document(stage: Stage) -> str:
         for entry in _engine(stage)
     ]
     raises = [
-        ("ConfigError", "", "An argument is missing, of another type, or breaks its rule; one line a fault."),
-        ("StageError", "", "The work cannot be done on these values."),
+        ("ConfigError", "", "An argument is missing, has another type, or breaks its rule; one line for each fault."),
+        ("StageError", "", "There is no valid result for these values."),
     ]
     given = [(stage.output.__name__, "", _first_line(stage.output))]
     sections = {"Parameters": [*slots, *parameters, *engine], "Returns": given, "Raises": raises}
@@ -151,7 +151,7 @@ def _call(stage: Stage, arguments: tuple[object, ...], keywords: Mapping[str, ob
         faults.append(f"{takes}; give parameters by name")
     for name, value in zip(slots, arguments, strict=False):
         if name in given:
-            faults.append(f"{name}: is given twice, by position and by name")
+            faults.append(f"{name}: is given both by position and by name")
         given[name] = value
     read = {name: given.pop(name, None) for name in slots}
     faults += [fault for name, value in read.items() if (fault := _slot_fault(stage, name, value))]
@@ -165,7 +165,7 @@ def _call(stage: Stage, arguments: tuple[object, ...], keywords: Mapping[str, ob
 
 
 def _slot_fault(stage: Stage, name: str, value: object) -> str | None:
-    """Return what is wrong with what is given for a slot, or None."""
+    """Return the fault of the value given for a slot, or None."""
     read = stage.reads[name]
     if isinstance(value, read.type) or (value is None and read.optional):
         return None
@@ -191,7 +191,7 @@ def _engine_faults(engine: Mapping[str, object]) -> Iterator[str]:
 
 
 def _params(stage: Stage, given: Mapping[str, object]) -> tuple[Params | None, list[str]]:
-    """Return the parameters of a call, or what is wrong with them."""
+    """Return the parameters of a call, or their faults."""
     try:
         return stage.params.model_validate({name: to_plain(value) for name, value in given.items()}), []
     except ValidationError as error:
@@ -214,7 +214,7 @@ def _compute(stage: Stage, arguments: dict[str, object], engine: Mapping[str, An
     if "executor" in stage.engine_arguments:
         arguments["executor"] = engine["executor"]
     if "config_hash" in stage.engine_arguments:
-        arguments["config_hash"] = None  # there is no config that the files could name
+        arguments["config_hash"] = None  # there is no config whose hash the files could have
     if "out" not in stage.engine_arguments:
         return _guarded(stage, arguments)
     out = Path(engine["out"]).expanduser()
@@ -230,7 +230,7 @@ def _compute(stage: Stage, arguments: dict[str, object], engine: Mapping[str, An
 
 
 def _guarded(stage: Stage, arguments: Mapping[str, object]) -> Artifact:
-    """Call the stage; its errors and warnings begin with its name, and warnings of its libraries are not shown."""
+    """Call the stage; its errors and warnings start with its name, and warnings of libraries are not shown."""
     with computing(), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:

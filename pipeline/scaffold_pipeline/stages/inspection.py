@@ -1,4 +1,4 @@
-"""Measure one file outside any run: the stage `inspect_surface`, called alone, and whether `load_surface` takes it."""
+"""Measure one file without a run, by the stage `inspect_surface`, and check whether `load_surface` accepts it."""
 
 from __future__ import annotations
 
@@ -13,35 +13,35 @@ from scaffold_pipeline.errors import ConfigError, Fault, PipelineWarning, StageE
 from scaffold_pipeline.stages.catalogue import require_stage
 
 _MEASURE, _LOAD = "inspect_surface", "load_surface"
-"""The command `inspect` is these two stages, so that they are the ones which the engine names."""
+"""The stages of the command `inspect`, the only ones that the engine names."""
 
 
 class Inspection(NamedTuple):
-    """The facts of a surface, and the line with which a run would refuse it, if it would."""
+    """The facts of a surface, and the error of a run that loads it, if there is one."""
 
     facts: dict[str, Fact]
     refusal: str | None
 
 
 def inspect_file(path: Path, units: str | None) -> Inspection:
-    """Return what is measured of the surface in `path`, and whether a run would load it.
+    """Measure the surface in `path`, and check whether a run would load it.
 
-    Raises `ConfigError` for a path or unit that cannot be, `StageError` for a file that cannot be read.
+    Raises `ConfigError` for an invalid path or unit, `StageError` for a file that cannot be read.
     """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         facts = _call(_MEASURE, path, units).summary()
-        # Nothing is measured in no unit: a file without one was taken as mm, and is loaded as that.
+        # A measure needs a unit: a file without one was taken as mm, and is loaded as mm.
         refusal = _refusal(path, units or ("mm" if "not in the file" in str(facts.get("unit")) else None))
-    said = [str(warning.message) for warning in caught if issubclass(warning.category, PipelineWarning)]
-    if said:
-        facts["warnings"] = "; ".join(dict.fromkeys(said))
+    messages = [str(warning.message) for warning in caught if issubclass(warning.category, PipelineWarning)]
+    if messages:
+        facts["warnings"] = "; ".join(dict.fromkeys(messages))
     facts["loads"] = refusal is None
     return Inspection(facts, refusal)
 
 
 def _refusal(path: Path, units: str | None) -> str | None:
-    """Return the line with which `load_surface`, left as it is, refuses a file."""
+    """Return the error of `load_surface` with default parameters, or None if it loads the file."""
     try:
         _call(_LOAD, path, units)
     except StageError as error:

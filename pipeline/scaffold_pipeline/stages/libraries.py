@@ -1,4 +1,4 @@
-"""The libraries whose code shapes what a stage returns, read off the imports in the sources behind it."""
+"""The libraries that can affect a stage's result, found from the imports in its sources."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pathlib import Path
 ENGINE = "scaffold_pipeline"
 DISTRIBUTION = "scaffold-pipeline"
 SHARED_PACKAGES = frozenset({"scaffold_geometry", "scaffold_stages"})
-"""The packages of this distribution that stages compute with; the engine hands values on and computes none."""
+"""The package of this distribution that stages compute with; the engine itself computes no results."""
 
 SHAPE_NO_OUTPUT = frozenset({"pydantic"})
-"""Distributions that check parameters."""
+"""Distributions that only check parameters."""
 
 _Import = tuple[str, str]
 
@@ -24,10 +24,10 @@ _Import = tuple[str, str]
 def imported_libraries(module: str) -> frozenset[str]:
     """Return the distributions that the code of `module` imports, at the top of a file or inside a function.
 
-    Followed are the imports of the plug-in's own packages, of packages that no distribution owns and of
-    `scaffold_geometry`; a plug-in that computes with the last depends on `scaffold-pipeline` too. The standard library
-    and what is not installed are left out. Imports by a computed name are not seen. Nothing is imported here.
-    Raises `SyntaxError` where a source is none.
+    Imports are followed through the plug-in's own packages, packages without a distribution, and `scaffold_geometry`;
+    a plug-in that uses the last also depends on `scaffold-pipeline`. The standard library and packages that are not
+    installed are left out. Imports by a computed name are not found. The sources are parsed, not imported. Raises
+    `SyntaxError` if a source cannot be parsed.
     """
     own = module.partition(".")[0]
     seen: set[str] = set()
@@ -61,7 +61,7 @@ def imports_in(statements: Iterable[ast.AST], package: str) -> Iterator[_Import]
 
 
 def _distributions_to_name(top: str, own: str) -> set[str] | None:
-    """Return the distributions that a package stands for; None where its sources are to be followed instead."""
+    """Return the distributions of a package; None if its sources are to be followed instead."""
     if top == ENGINE or top in sys.stdlib_module_names:
         return set()
     if top == own or top in SHARED_PACKAGES:
@@ -72,11 +72,11 @@ def _distributions_to_name(top: str, own: str) -> set[str] | None:
 
 @cache
 def _owners(top: str) -> frozenset[str]:
-    """Return the distributions that install the package `top`: by their files, or else by their name."""
+    """Return the distributions that install the package `top`, found by their files, or else by their name."""
     owners = _packages().get(top)
     if owners:
         return frozenset(owners)
-    try:  # a package that is installed to be edited where it lies may list none of its files
+    try:  # an editable install may list no files
         return frozenset({distribution(top).name})
     except PackageNotFoundError:
         return frozenset()
@@ -87,7 +87,7 @@ _packages = cache(packages_distributions)
 
 
 def _imports_of(module: str) -> set[str]:
-    """Return the modules that a module imports; none where it has no source, as a compiled one."""
+    """Return the modules that a module imports; none if it has no source, as a compiled module."""
     source = _source_of(module)
     if source is None:
         return set()
@@ -104,13 +104,13 @@ def _parse_imports(source: Path, package: str, _modified: int, _size: int) -> fr
 
 
 def _source_of(module: str) -> Path | None:
-    """Return the file of a module, found by its package's place without loading it."""
+    """Return the file of a module, found without loading it."""
     top, *rest = module.split(".")
     if top in sys.stdlib_module_names:
         return None
     try:
         spec = find_spec(top)
-    except (ImportError, ValueError):  # a module that was made, not loaded, has no place
+    except (ImportError, ValueError):  # a module created at run time has no file
         return None
     if spec is None:
         return None

@@ -20,8 +20,8 @@ def stage_names() -> list[str]:
 def load_stage(name: str) -> Stage:
     """Return the stage called `name`.
 
-    Raises `LookupError` with the nearest known name where there is none, and `StageDefinitionError` where
-    the plug-in behind it cannot be imported or breaks the contract.
+    Raises `LookupError` with the most similar name if there is none, and `StageDefinitionError` if its plug-in cannot
+    be imported or breaks the contract.
     """
     installed = _installed()
     if name not in installed:
@@ -30,7 +30,7 @@ def load_stage(name: str) -> Stage:
 
 
 def installed_stages() -> Iterator[Stage | StageDefinitionError]:
-    """Yield every installed stage by name, or the error that keeps one from being loaded."""
+    """Yield every installed stage in the order of names, or the error of one that cannot be loaded."""
     for name, points in sorted(_installed().items()):  # looked up once: it takes 20 ms
         try:
             yield _load_one(name, points)

@@ -1,4 +1,4 @@
-"""Seeds: what one may be, and how a stage's own follows from that of its config."""
+"""Seeds: their valid values, and the seed of each stage, derived from that of its config."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def derive_seed(root: int, label: str) -> int:
 
 
 def seed_fault(seed: object) -> str | None:
-    """Return what keeps `seed` from being one, or None.
+    """Return the fault of an invalid `seed`, or None.
 
     >>> seed_fault(-1)
     'seed: must be a whole number from 0 to 2^63 - 1, got -1'

@@ -1,4 +1,4 @@
-"""A study for people: `study.html`, one self-contained page, and `sheet.png`, its pictures as one."""
+"""The page of a study: `study.html`, self-contained, and `sheet.png`, all pictures in one."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ PAGE = "study.html"
 SHEET = "sheet.png"
 
 _MOST_ON_PAPER = 14
-"""Columns of a table that a printed page has room for."""
+"""Most columns of a table that fit on a printed page."""
 
 _LONG = 60
-"""Characters from which on a cell of the table is made wide."""
+"""Characters above which a cell of the table is made wide."""
 
 _MOST_VALUES = 12
-"""Values of what varied that are listed; of more the number is told."""
+"""Most values of a varied parameter that are listed; otherwise their number is shown."""
 
 MOST_ON_SHEET = 120
-"""Points on `sheet.png`: with more it is larger than what programs open."""
+"""Most points on `sheet.png`: a larger picture does not open in many programs."""
 
 _VERDICTS = {
     "pass": "passed",
@@ -50,7 +50,7 @@ _COLOURS = {"pass": "pass", "fail": "fail", "error": "fail"}
 
 @dataclass(frozen=True)
 class Card:
-    """A point as the page and the sheet show it: its state, and what its config says of itself."""
+    """A point on the page and the sheet: its state, and the caption from its config."""
 
     state: PointState
     caption: str
@@ -65,8 +65,8 @@ class Card:
         return "unknown" if gates is None else "fail" if gates else "pass"
 
     @property
-    def told(self) -> str:
-        """What was measured and what became of the point, in words; the table has the whole of each gate."""
+    def summary(self) -> str:
+        """The metrics and the state of the point, in words; the table has the full lines of the gates."""
         metrics = self.state.metrics
         facts = {metric.key: metrics[metric.key] for metric in self.declared.shown_in("caption", metrics)}
         ends = {
@@ -79,9 +79,9 @@ class Card:
 
 
 def write_page(out: Path, study: Study, states: Sequence[PointState], points: str) -> None:
-    """Write the page and the sheet of a study into its folder, whose folder `points` holds the run directories.
+    """Write the page and the sheet of a study into its folder; its subfolder `points` has the run directories.
 
-    Without any picture there is no sheet.
+    Without pictures no sheet is written.
     """
     declared = declared_here()
     captions = {point.name: point.caption for point in study.points}
@@ -111,7 +111,7 @@ def write_page(out: Path, study: Study, states: Sequence[PointState], points: st
 
 
 def _pictures(card: Card, folder: Path) -> dict[str, Image | None]:
-    """Return the pictures among the files of a run, made small; None for one that cannot be read."""
+    """Return thumbnails of the pictures of a run; None for one that cannot be read."""
     from scaffold_pipeline.report.contact_sheet import in_order, thumbnail
 
     names = in_order(list(card.state.record.get("files", ())), card.declared.drawings)
@@ -121,12 +121,12 @@ def _pictures(card: Card, folder: Path) -> dict[str, Image | None]:
 def _cell(card: Card, pictures: Mapping[str, Image | None]) -> Cell:
     from scaffold_pipeline.report.contact_sheet import Cell
 
-    lines = tuple(line for line in (card.caption, card.told) if line)
+    lines = tuple(line for line in (card.caption, card.summary) if line)
     return Cell(card.state.name, lines, tuple(picture for picture in pictures.values() if picture))
 
 
 def _write_sheet(path: Path, name: str, cells: Sequence[Cell], count: int) -> bool:
-    """Write the sheet where there is any picture, and return whether."""
+    """Write the sheet if there are pictures, and return whether it was written."""
     from scaffold_pipeline.report.contact_sheet import draw_sheet
 
     if not any(cell.pictures for cell in cells):
@@ -139,7 +139,7 @@ def _write_sheet(path: Path, name: str, cells: Sequence[Cell], count: int) -> bo
 
 
 class Verdict(NamedTuple):
-    """What became of some points, for the style and in words."""
+    """The state of some points, as a style and in words."""
 
     kind: str
     words: str
@@ -157,14 +157,14 @@ def _headline(study: Study, cards: Sequence[Card]) -> dict[str, object]:
 
 
 def _varied_values(study: Study, cards: Sequence[Card]) -> Iterator[tuple[str, str]]:
-    """Yield what varied, each with its values."""
+    """Yield the varied parameters, each with its values."""
     for column in study.columns:
         values = dict.fromkeys(to_cell(card.state.varied.get(column)) or "left out" for card in cards)
         yield column, ", ".join(values) if len(values) <= _MOST_VALUES else f"{len(values)} values"
 
 
 class ShownPicture(NamedTuple):
-    """A small picture that leads to the whole; without a source it cannot be read."""
+    """A thumbnail with a link to the picture; without a source it cannot be read."""
 
     link: str
     about: str
@@ -172,13 +172,13 @@ class ShownPicture(NamedTuple):
 
 
 class ShownCard(NamedTuple):
-    """A point as the page shows it; `page` leads to that of its run."""
+    """The values of a point for the template; `page` links to the page of its run."""
 
     name: str
     page: str
     caption: str
     colour: str
-    told: str
+    summary: str
     pictures: list[ShownPicture]
 
 
@@ -191,7 +191,7 @@ def _show(card: Card, pictures: Mapping[str, Image | None], folder: str) -> Show
         page=f"{folder}/report.html" if card.state.status == "done" else "",
         caption=card.caption,
         colour=_COLOURS.get(card.verdict, "unknown"),
-        told=card.told,
+        summary=card.summary,
         pictures=[
             ShownPicture(
                 f"{folder}/{quote(file)}",
@@ -204,7 +204,7 @@ def _show(card: Card, pictures: Mapping[str, Image | None], folder: str) -> Show
 
 
 def _table(study: Study, cards: Sequence[Card]) -> dict[str, object]:
-    """Return the table for people, and for the script with what it plots first."""
+    """Return the values for the table, and for the script, with the columns that it plots first."""
     titles, rows = to_table(study.columns, [card.state for card in cards])
     plain = [[value if isinstance(value, int | float | None) else to_cell(value) for value in row] for row in rows]
     first = next((metric.key for card in cards for metric in card.declared.shown_in("caption", titles)), "")
@@ -222,5 +222,5 @@ def _table(study: Study, cards: Sequence[Card]) -> dict[str, object]:
 
 
 def _shown(value: object) -> str:
-    """Return a value as people read it; nothing where there is none, as in `table.csv`."""
+    """Return a value as text; empty if it is missing, as in `table.csv`."""
     return to_text(value) if isinstance(value, bool | int | float) else to_cell(value)

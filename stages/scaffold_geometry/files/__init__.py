@@ -1,1 +1,1 @@
-"""Files that are read and written: surfaces, points, and in rooms of their own solids and volume meshes."""
+"""File formats: surfaces, solids, volume meshes and points."""

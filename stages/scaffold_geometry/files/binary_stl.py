@@ -18,8 +18,8 @@ _AT_ONCE = 1 << 20
 def to_stl(vertices: NDArray[np.floating], faces: NDArray[np.integer], header: str) -> bytes:
     """Return the binary STL of a triangle mesh: `vertices` (n, 3), `faces` (m, 3), rounded to float32.
 
-    The same mesh and `header` give the same bytes. Raises `StageError` where the header is no ASCII text of
-    at most 80 characters or starts with "solid", as text STL does, and where a coordinate overflows float32.
+    The same mesh and `header` give the same bytes. Raises `StageError` if the header is not ASCII text of at most 80
+    characters or starts with "solid", as text STL does, or if a coordinate overflows float32.
     """
     text = header.encode("ascii", errors="replace")
     if len(text) > _HEADER_BYTES or text != header.encode() or text.lower().startswith(b"solid"):
@@ -39,7 +39,7 @@ def to_stl(vertices: NDArray[np.floating], faces: NDArray[np.integer], header: s
 def from_stl(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return `vertices` (n, 3) and `faces` (m, 3) of a binary STL, see `merge_corners`.
 
-    Raises `StageError` where the size does not fit the count of triangles, or a coordinate is not finite.
+    Raises `StageError` if the size does not match the number of triangles, or a coordinate is not finite.
     """
     size = len(content)
     count = int.from_bytes(content[_HEADER_BYTES:_PREFIX_BYTES], "little")
@@ -54,7 +54,7 @@ def from_stl(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
 
 
 def _unit_normals(corners: Singles) -> NDArray[np.float64]:
-    """Return the normal of each triangle, (m, 3); zero where a triangle has no area."""
+    """Return the normal of each triangle, (m, 3); zero for a triangle without area."""
     a, b, c = (corners[:, i].astype(np.float64) for i in range(3))
     normals = np.cross(b - a, c - a)
     lengths = np.sqrt(np.einsum("ij,ij->i", normals, normals))

@@ -1,4 +1,4 @@
-"""What every reader of a user's file asks before it reads, and of what it has read."""
+"""Checks of every input file, before and after it is read."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from scaffold_pipeline.errors import StageError, warn
 Content = TypeVar("Content")
 
 _SMALLEST, _LARGEST = 1.0, 2000.0
-"""mm: between a bone of the ear and a whole body; what is outside has most likely the wrong unit."""
+"""mm: from a bone of the ear to a whole body; other sizes most probably have the wrong unit."""
 
 _FARTHEST = 1e9
-"""mm: a thousand kilometres; what is farther is damage."""
+"""mm: a thousand kilometres; anything farther is damage."""
 
 
 def reader_of(path: Path, readers: Mapping[str, Callable[[Path], Content]], thing: str) -> Callable[[Path], Content]:
-    """Return the reader for a file's suffix; a `StageError` where there is none, or the file is empty."""
+    """Return the reader for a file's suffix; raises `StageError` if there is none, or the file is empty."""
     reader = readers.get(path.suffix.lower())
     if reader is None:
         raise StageError(
-            f"{path.name}: cannot read files called {path.suffix or '(no suffix)'}; "
+            f"{path.name}: cannot read files of type {path.suffix or '(no suffix)'}; "
             f"export the {thing} as one of {', '.join(sorted(readers))}"
         )
     if not path.stat().st_size:
@@ -34,9 +34,9 @@ def reader_of(path: Path, readers: Mapping[str, Callable[[Path], Content]], thin
 
 
 def warn_of_odd_size(vertices: NDArray[np.float64], name: str) -> None:
-    """Warn where the longest side of `vertices` (n, 3), mm, is no bone's; to be called by the stage itself."""
+    """Warn if the longest side of `vertices` (n, 3), mm, is not that of a bone; to be called by the stage itself."""
     longest = float(np.ptp(vertices, axis=0).max())
-    # A surface scaled to the unit cube has no unit at all.
+    # A surface scaled to the unit cube has no unit.
     if not _SMALLEST < longest <= _LARGEST:
         warn(
             f"{name}: its longest side is {longest:.4g} mm, not between {_SMALLEST:g} and {_LARGEST:g} mm: "
@@ -45,10 +45,10 @@ def warn_of_odd_size(vertices: NDArray[np.float64], name: str) -> None:
 
 
 def require_near_origin(vertices: NDArray[np.float64], name: str) -> None:
-    """Refuse `vertices` (n, 3), mm, that no body on Earth has; they are damage, or of another unit."""
+    """Require that no vertex (n, 3) is absurdly far from the origin, mm, from damage or a wrong unit."""
     farthest = float(np.abs(vertices).max(initial=0.0))
     if not farthest <= _FARTHEST:
         raise StageError(
-            f"{name}: a vertex lies {farthest:.3g} mm from the origin; check `units`, or export it again: no body "
-            f"reaches beyond {_FARTHEST:g} mm"
+            f"{name}: a vertex is {farthest:.3g} mm from the origin, at most {_FARTHEST:g} mm is accepted; check "
+            "`units`, or export it again"
         )

@@ -13,7 +13,7 @@ from scaffold_pipeline.errors import StageError
 
 
 def read_points(path: Path) -> Floats:
-    """Read points (n, 3), mm, from comma-separated text with three columns, under a line of names or not."""
+    """Read points (n, 3), mm, from comma-separated text with three columns, with or without a header line."""
     try:
         lines = read_text(path).decode("utf-8", "replace").splitlines()
         is_named = not any(_is_number(cell) for cell in lines[0].split(",")) if lines else True

@@ -1,4 +1,4 @@
-"""Text as other programs write it: byte order marks, line ends, numbers, and the line of one that is none."""
+"""Text files of other programs: byte order marks, line ends, numbers, and the line of an invalid number."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MARKS = {
     b"\xff\xfe": "utf-16-le",
     b"\xfe\xff": "utf-16-be",
 }
-"""Byte order marks and what they announce, the longer first: that of UTF-16 begins that of UTF-32."""
+"""Byte order marks and their encodings, longer ones first, as the mark of UTF-16 begins that of UTF-32."""
 
 _DECIMAL_COMMA = re.compile(rb"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
@@ -41,7 +41,7 @@ def drop_byte_order_mark(content: bytes, name: str) -> bytes:
         return rest.decode(_MARKS[mark]).encode()
     except UnicodeError as error:
         raise StageError(
-            f"{name}: begins as {_MARKS[mark].upper()} text and goes on as something else; {AGAIN}"
+            f"{name}: begins as {_MARKS[mark].upper()} text but is not valid text of that encoding; {AGAIN}"
         ) from error
 
 
@@ -56,10 +56,10 @@ def unify_line_ends(content: bytes) -> bytes:
 
 
 def numbers_in(text: bytes, place: str) -> Floats:
-    """Return the numbers in `text`, apart by white space; `place` names it in the error that anything else is."""
+    """Return the numbers in `text`, separated by white space; anything else is an error at `place`."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # numpy stops at the first word that is no number, and tells so this way
+            warnings.simplefilter("error")  # numpy stops at the first word that is not a number, with this warning
             return np.fromstring(text, np.float64, sep=" ")
     except (DeprecationWarning, ValueError) as error:
         line, word = next(
@@ -71,24 +71,22 @@ def numbers_in(text: bytes, place: str) -> Floats:
             ),
             (1, b""),
         )
-        raise StageError(
-            f"{place}: a number is expected, something else is there: {quote(word)} in its line {line}; {cause(word)}"
-        ) from error
+        raise StageError(f"{place}: must be numbers, got {quote(word)} in its line {line}; {cause(word)}") from error
 
 
 def rows_to_numbers(rows: Sequence[Sequence[bytes]], content: bytes, name: str) -> Floats:
-    """Return rows of three words as numbers, (n, 3); in `content` the error finds the line of a word that is none."""
+    """Return rows of three words as numbers, (n, 3); `content` gives the line of an invalid one for the error."""
     try:
         return np.array(rows, dtype=np.bytes_).reshape(-1, 3).astype(np.float64)
     except ValueError as error:
         word = next((word for row in rows for word in row if not_number(word)), b"")
         line = next((number for number, row in enumerate(content.split(b"\n"), 1) if word in row.split()), 0)
         place = f"{name}:{line}" if line else name
-        raise StageError(f"{place}: a vertex is not three numbers: {quote(word)}; {cause(word)}") from error
+        raise StageError(f"{place}: a vertex must be three numbers, got {quote(word)}; {cause(word)}") from error
 
 
 def not_number(word: bytes) -> bool:
-    """Return whether a word is no number."""
+    """Return whether a word is not a number."""
     try:
         float(word)
     except ValueError:
@@ -97,19 +95,19 @@ def not_number(word: bytes) -> bool:
 
 
 def cause(word: bytes) -> str:
-    """Return why a word is no number, and what to do."""
+    """Return why a word is not a number, and the remedy."""
     if _DECIMAL_COMMA.fullmatch(word):
         return "it has a decimal comma: export it with decimal points (set the program's or the system's number format)"
     return AGAIN
 
 
 def quote(words: bytes, most: int = 40) -> str:
-    """Return the beginning of a file's own words, in quotes and printable."""
+    """Return the beginning of a file's text, in quotes and printable."""
     start = words[:most].decode("utf-8", "replace")
     return repr("".join(letter if letter.isprintable() else "." for letter in start))
 
 
 def space_in(text: bytes) -> str | None:
-    """Return the anatomical axes that a header or comment names as `SPACE=RAS` or `SPACE=LPS`, as 3D Slicer does."""
+    """Return the anatomical axes in a header or comment, as 3D Slicer writes them: `SPACE=RAS` or `SPACE=LPS`."""
     found = re.search(rb"\bSPACE\s*[=:]\s*(RAS|LPS)\b", text, re.IGNORECASE)
     return found[1].decode().upper() if found else None

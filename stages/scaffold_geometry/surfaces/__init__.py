@@ -1,1 +1,1 @@
-"""Triangle meshes: topology, shells, nesting, booleans, intersections, and in a room of its own repair."""
+"""Triangle meshes: topology, shells, nesting, booleans, intersections, and in a folder of its own repair."""

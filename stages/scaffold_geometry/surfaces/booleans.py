@@ -1,6 +1,6 @@
-"""Booleans of closed meshes on arrays: the one place that knows manifold3d.
+"""Booleans of closed meshes on arrays, by manifold3d.
 
-A fault of a manifold is a value that travels on as an empty solid; here it is an error at once.
+manifold3d returns an empty solid for invalid input; here that is an error.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ Manifold = Any
 
 @dataclass(frozen=True, eq=False)
 class Shells:
-    """A closed mesh and its connected shells: one of positive volume bounds a piece, one of negative a cavity.
+    """A closed mesh and its connected shells: those of positive volume bound pieces, those of negative volume cavities.
 
     `vertices` (n, 3), `faces` (m, 3), `numbers` (m,) the shell of each face, `volumes` (k,) of the shells, mm^3.
     """
@@ -33,20 +33,20 @@ class Shells:
 
     @property
     def greatest(self) -> int:
-        """The number of the greatest piece."""
+        """The number of the largest piece."""
         return int(np.argmax(self.volumes))
 
     def mesh_of(self, is_wanted: Bools) -> tuple[Floats, Ints]:
-        """Return vertices and faces of the shells wanted, (k,)."""
+        """Return vertices and faces of the shells `is_wanted` (k,)."""
         return drop_unreferenced(self.vertices, self.faces[is_wanted[self.numbers]])
 
 
 @dataclass(frozen=True, eq=False)
 class MainPiece:
-    """The one piece of a solid that is kept, with the closed pores in it, and what it goes without.
+    """The largest piece of a solid with its closed pores, and the shells that are left out.
 
-    `is_kept` (k,) tells which shells make it up, `volume` is theirs, mm^3. The other shells, by their volume as it is
-    enclosed, mm^3: `floating` pieces; `filled`, closed pores too small to keep; `foreign`, closed pores of what floats.
+    `is_kept` (k,) are its shells, `volume` their volume, mm^3. Enclosed volumes of the other shells, mm^3: `floating`,
+    other pieces; `filled`, closed pores too small to keep; `foreign`, closed pores of other pieces.
     """
 
     is_kept: Bools
@@ -57,12 +57,12 @@ class MainPiece:
 
     @property
     def closed_pores(self) -> int:
-        """How many cavities the piece keeps."""
+        """Number of cavities of the piece."""
         return int(self.is_kept.sum()) - 1
 
 
 def to_manifold(vertices: Floats, faces: Ints, about: str) -> Manifold:
-    """Return the body within a closed, outward surface; raises `StageError` naming `about` where it is none."""
+    """Return the manifold of a closed, outward surface; raises `StageError` with the name `about` if it is not one."""
     import manifold3d
 
     mesh = manifold3d.Mesh64(np.array(vertices, np.float64, order="C"), np.array(faces, np.uint64, order="C"))
@@ -72,15 +72,15 @@ def to_manifold(vertices: Floats, faces: Ints, about: str) -> Manifold:
 
 
 def from_manifold(body: Manifold) -> tuple[Floats, Ints]:
-    """Return vertices (n, 3) and faces (m, 3) of a body."""
+    """Return vertices (n, 3) and faces (m, 3) of a manifold."""
     mesh = body.to_mesh64()
     return np.array(mesh.vert_properties[:, :3], np.float64), np.array(mesh.tri_verts, np.int64)
 
 
 def distance_from(original: Manifold, body: Manifold, is_counted: Bools, surface: tuple[Floats, Ints]) -> float:
-    """Return how far what `body` has of an `original` lies from its surface at most, mm, rounded to single precision.
+    """Return the greatest distance of faces of `body` that come from `original` to its surface, mm, in float32.
 
-    `is_counted` (m,) tells which faces of `body` are asked about; `surface` is the original's, (n, 3) and (k, 3).
+    `is_counted` (m,) are the faces of `body` to measure; `surface` is the original's, (n, 3) and (k, 3).
     """
     import igl
 
@@ -96,10 +96,10 @@ def distance_from(original: Manifold, body: Manifold, is_counted: Bools, surface
 
 
 def split_shells(body: Manifold) -> Shells:
-    """Split a body into its shells.
+    """Split a manifold into its shells.
 
-    By labelling, as manifold3d's own decomposition takes the square of their number: 110 s for 176 shells of 2.3
-    million triangles, where this takes one.
+    By labelling: the time of manifold3d's own decomposition grows with the square of their number, 110 s for 176 shells
+    of 2.3 million triangles against 1 s.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -115,7 +115,7 @@ def split_shells(body: Manifold) -> Shells:
 
 
 def find_main_piece(shells: Shells, least_cavity: float) -> MainPiece:
-    """Return the piece that encloses most, its cavities below `least_cavity` mm^3 filled; there must be a piece."""
+    """Return the largest piece, with its cavities below `least_cavity` mm^3 filled; there must be a piece."""
     is_floating = shells.volumes > 0.0
     is_floating[shells.greatest] = False
     is_foreign = _cavities_within(shells, is_floating)
@@ -129,7 +129,7 @@ def find_main_piece(shells: Shells, least_cavity: float) -> MainPiece:
 
 
 def _cavities_within(shells: Shells, is_holder: Bools) -> Bools:
-    """Return which cavities lie within one of the pieces `is_holder`, (k,); shells do not cross."""
+    """Return which cavities are within one of the pieces `is_holder`, (k,); shells do not cross."""
     holders, cavities = np.flatnonzero(is_holder), np.flatnonzero(shells.volumes <= 0.0)
     is_within = np.zeros(len(shells.volumes), bool)
     if not (len(holders) and len(cavities)):
@@ -153,10 +153,10 @@ def _boxes(shells: Shells) -> tuple[Floats, Floats]:
 
 
 def pore_volumes(void: Shells, kept: MainPiece, outer_volume: float) -> Floats:
-    """Return the volume of each connected pore beside the kept piece, greatest first, mm^3: all of the pore space.
+    """Return the volume of each connected piece of the pore space, greatest first, mm^3.
 
-    What was closed in by filled cavities or by pieces left out is no pore of its own; the room of the pieces left out
-    goes to the greatest pore.
+    Filled cavities and closed pores of removed pieces are not counted; the volume of removed pieces is added to the
+    largest pore.
     """
     volumes = np.sort(void.volumes[void.volumes > 0.0])[::-1]
     for enclosed in (*kept.filled, *kept.foreign):
@@ -173,17 +173,17 @@ def clip_to_outer(porous: Manifold, outer: Manifold, inner: Manifold | None) -> 
 
 
 def offset_core(vertices: Floats, faces: Ints, skin: float) -> Manifold | None:
-    """Return what of a closed shape lies deeper than `skin` mm; None for no skin, `StageError` where nothing does."""
+    """Return the part of a closed shape deeper than `skin` mm; None without a skin, `StageError` if there is none."""
     if skin == 0.0:
         return None
     inner_vertices, inner_faces = offset_inward(vertices, faces, skin)
     if not len(inner_faces):
-        raise StageError(f"skin {skin:g} mm: the outer shape is nowhere so thick, and no pore would remain; lower skin")
+        raise StageError(f"skin {skin:g} mm: fills the whole outer shape, so no pore would remain; lower skin")
     return to_manifold(inner_vertices, inner_faces, f"inward offset by {skin:g} mm")
 
 
 def simplify_manifold(body: Manifold, tolerance: float) -> Manifold:
-    """Return the body with fewer triangles, none of its surface moved by more than about `tolerance` mm."""
+    """Return the manifold with fewer triangles, its surface moved by at most about `tolerance` mm."""
     return body.simplify(tolerance)
 
 
@@ -192,4 +192,6 @@ def _require_sound(body: Manifold, about: str) -> None:
     if status != "NoError":
         raise StageError(f"{about}: is not a closed manifold surface ({status}); repair it first")
     if body.is_empty() or body.volume() <= 0.0:
-        raise StageError(f"{about}: must enclose a positive volume, got {body.volume():.6g} mm^3; turn its normals out")
+        raise StageError(
+            f"{about}: must enclose a positive volume, got {body.volume():.6g} mm^3; turn its triangles outward"
+        )

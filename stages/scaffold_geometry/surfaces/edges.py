@@ -1,4 +1,4 @@
-"""The edges of a triangle mesh: how many faces use each and which way, and what hangs together over them.
+"""The edges of a triangle mesh: their faces and directions, and parts connected over edges.
 
 `vertices` (n, 3), `faces` (m, 3). A half-edge `h` runs from corner `h % 3` of face `h // 3` to that face's next corner.
 """
@@ -19,9 +19,9 @@ MANIFOLD = 2
 
 
 class Edges(NamedTuple):
-    """Every edge once: `ends` (k, 2) lower vertex first; `of` (3m,) the edge of each half-edge.
+    """All edges: `ends` (k, 2) lower vertex first; `of` (3m,) the edge of each half-edge.
 
-    `uses` (k,) is how many faces are at it, `net` (k,) how often it is walked from its lower vertex less how often from
+    `uses` (k,) is the number of faces at it, `net` (k,) the number of half-edges from its lower vertex minus those from
     its higher one.
     """
 
@@ -42,7 +42,7 @@ def edges_of(faces: Ints) -> Edges:
 
 
 def patches_of(faces: Ints, edges: Edges) -> Ints:
-    """Return the patch of each face, (m,), from 0: what hangs together over edges of exactly two faces."""
+    """Return the patch of each face, (m,), from 0: faces connected over edges of exactly two faces."""
     order, _ = sort_keys(edges.of)
     starts = np.cumsum(edges.uses) - edges.uses
     pairs = starts[edges.uses == MANIFOLD]
@@ -50,7 +50,7 @@ def patches_of(faces: Ints, edges: Edges) -> Ints:
 
 
 def components(starts: Ints, ends: Ints, count: int) -> Ints:
-    """Return the number of the connected piece of each of `count` things, (count,)."""
+    """Return the number of the connected component of each of `count` nodes, (count,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -59,14 +59,14 @@ def components(starts: Ints, ends: Ints, count: int) -> Ints:
 
 
 def open_vertices(edges: Edges) -> Ints:
-    """Return the vertices at edges of one face."""
+    """Return the vertices of edges with one face."""
     return np.unique(edges.ends[edges.uses == 1])
 
 
 def rounding(vertices: Floats) -> float:
-    """Return how far apart two writings of one place may lie in a file of single precision or of six digits."""
+    """Return the greatest distance of two copies of one point in a file with float32 or six digits."""
     return ROUNDING * float(np.abs(vertices).max(initial=0.0))
 
 
 ROUNDING = 2e-6
-"""Share of the greatest coordinate: some 16 steps of single precision, one of the sixth digit."""
+"""Share of the greatest coordinate: about 16 steps of float32, one of the sixth digit."""

@@ -1,8 +1,8 @@
-"""Signs of determinants of points, in which rounding decides nothing.
+"""Signs of determinants of points, exact despite rounding.
 
 J. R. Shewchuk, "Adaptive precision floating-point arithmetic and fast robust geometric predicates", Discrete &
-Computational Geometry 18 (1997) 305-363. `points` (n, 3) are 0 or between 2^-200 and 1 in size, or whole, so that no
-product of three is lost.
+Computational Geometry 18 (1997) 305-363. Coordinates `points` (n, 3) are 0, or between 2^-200 and 1 in size, or whole
+numbers, so that no product of three underflows or overflows.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def orient_3d(points: Floats, a: int, b: int, c: int, d: int) -> int:
 
 @kernel
 def _exact_volume(points: Floats, a: int, b: int, c: int, d: int) -> int:
-    """Return the sign of the sum of all products that the determinant of a, b and c less d has."""
+    """Return the sign of the determinant of a, b and c relative to d, as an exact sum of its products."""
     parts = np.empty((3, 3, 2))
     for axis in range(3):
         parts[0, axis, 0], parts[0, axis, 1] = _difference(points[a, axis], points[d, axis])
@@ -64,7 +64,7 @@ def _exact_volume(points: Floats, a: int, b: int, c: int, d: int) -> int:
 
 @kernel
 def orient_2d(points: Floats, a: int, b: int, c: int, axis: int) -> int:
-    """Return which way a, b, c turn, seen along `axis`: the sign of their area."""
+    """Return the sign of the area of a, b, c seen along `axis`."""
     u, v = (axis + 1) % 3, (axis + 2) % 3
     pu, pv = points[a, u] - points[c, u], points[a, v] - points[c, v]
     qu, qv = points[b, u] - points[c, u], points[b, v] - points[c, v]
@@ -125,7 +125,7 @@ def _product(x: float, y: float) -> tuple[float, float]:
 
 @kernel
 def _sign_of_sum(terms: Floats) -> int:
-    """Return the sign of an exact sum: it is kept as parts that do not overlap, least first."""
+    """Return the sign of an exact sum, kept as non-overlapping parts, least first."""
     parts = np.zeros(len(terms))
     for k in range(len(terms)):
         rest = terms[k]

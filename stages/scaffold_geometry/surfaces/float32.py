@@ -1,10 +1,9 @@
-"""A closed mesh brought to single precision without a fold, pinch or hole.
+"""Round a closed mesh to float32 without folds, touching parts or holes.
 
-All coordinates become multiples of one step, that between neighbouring float32 numbers at the greatest of them: near
-zero float32 has far finer ones, and two vertices so close are one to a reader that welds what lies 1e-8 mm apart.
-Rounding turns over triangles that are flatter than the step, and lets vertices fall together that lie closer. Edges
-shorter than it are collapsed, and the vertices of what still folds are moved towards the middle of their neighbours, a
-step further each round, until nothing folds.
+All coordinates become multiples of one step, the distance of neighbouring float32 numbers at the greatest coordinate.
+Near zero float32 is finer, but some readers merge vertices that are 1e-8 mm apart. Rounding can invert triangles
+flatter than the step and merge vertices closer than it. Edges shorter than the step are collapsed; vertices of
+remaining folds are moved towards the mean of their neighbours, one step further in each round, until no fold is left.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ from scaffold_geometry.surfaces.triangles import duplicate_vertex_faces
 from scaffold_pipeline.errors import StageError
 
 _ROUNDS = 12
-"""Scaffolds of 700,000 triangles settled in 2 rounds 1 m from the origin, in 4 rounds 20 m from it."""
+"""Scaffolds of 700,000 triangles need 2 rounds at 1 m from the origin, 4 at 20 m."""
 
 
 _FINEST_STEP = 2.0**-26
-"""mm; the least step, 1.5e-8, for shapes however small."""
+"""The least step, mm, 1.5e-8, for very small shapes."""
 
 
 class Rounded(NamedTuple):
-    """A mesh of float32 coordinates, (n, 3) and (m, 3), and how far a coordinate was moved at most, mm."""
+    """A mesh of float32 coordinates, (n, 3) and (m, 3), and the greatest change of a coordinate, mm."""
 
     vertices: Floats
     faces: Ints
@@ -37,9 +36,9 @@ class Rounded(NamedTuple):
 
 
 def snap_to_float32(vertices: Floats, faces: Ints, about: str) -> Rounded:
-    """Return a closed mesh whose coordinates single precision holds exactly, and which does not touch itself.
+    """Return the closed mesh with coordinates exact in float32, without self-contact.
 
-    Raises `StageError` naming `about` where it cannot be had.
+    Raises `StageError` with the name `about` if there is no such mesh.
     """
     step = max(float(np.spacing(np.float32(np.abs(vertices).max()))), _FINEST_STEP)
     rounded = _in_steps(vertices, step)
@@ -48,7 +47,7 @@ def snap_to_float32(vertices: Floats, faces: Ints, about: str) -> Rounded:
     vertices, faces = from_manifold(simplify_manifold(to_manifold(vertices, faces, about), step))
     places, reach = vertices.copy(), np.zeros(len(vertices))
     neighbours = _neighbour_weights(faces, len(vertices))
-    for _ in range(_ROUNDS if len(faces) else 0):  # all may have collapsed
+    for _ in range(_ROUNDS if len(faces) else 0):  # all edges may have collapsed
         rounded = _in_steps(places, step)
         folded = np.flatnonzero(_find_folded_vertices(rounded, faces))
         if not len(folded):
@@ -59,8 +58,8 @@ def snap_to_float32(vertices: Floats, faces: Ints, about: str) -> Rounded:
         length = np.linalg.norm(way, axis=1)
         places[folded] += way * np.minimum(0.5, reach[folded] / np.maximum(length, step))[:, None]
     raise StageError(
-        f"{about}: has details finer than single precision holds so far from the origin, {step:.2g} mm, and its "
-        "surface folds when rounded to that; move the shape nearer to the origin, "
+        f"{about}: has details finer than float32 can represent so far from the origin, {step:.2g} mm, and its "
+        "surface folds when rounded to it; move the shape nearer to the origin, "
         "or repair the outer shape by load_surface if it crosses itself"
     )
 
@@ -70,7 +69,7 @@ def _in_steps(places: Floats, step: float) -> Floats:
 
 
 def _find_folded_vertices(vertices: Floats, faces: Ints) -> Bools:
-    """Return which vertices share their place with another, or belong to a triangle that crosses another or is flat."""
+    """Return which vertices coincide with another, or belong to a self-intersecting or flat triangle."""
     order = np.lexsort(vertices.T)
     is_new = np.concatenate([[True], (vertices[order[1:]] != vertices[order[:-1]]).any(axis=1)])
     place = np.empty(len(vertices), np.int64)
@@ -85,7 +84,7 @@ def _find_folded_vertices(vertices: Floats, faces: Ints) -> Bools:
 
 
 def _neighbour_weights(faces: Ints, count: int):  # type: ignore[no-untyped-def]  # noqa: ANN202 - scipy ships no types
-    """Return the sparse matrix that takes vertices to the means of their neighbours."""
+    """Return the sparse matrix that maps vertices to the means of their neighbours."""
     from scipy.sparse import coo_array, diags_array
 
     tails, heads = faces.ravel(), np.roll(faces, -1, axis=1).ravel()

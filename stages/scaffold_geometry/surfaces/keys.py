@@ -1,4 +1,4 @@
-"""Order and equality of millions of whole numbers and of rows, each by one sort of 64-bit numbers."""
+"""Sorting and grouping millions of integers or rows by one sort of 64-bit numbers."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ _BITS = 63
 
 
 def sort_keys(keys: Ints) -> tuple[Ints, Ints]:
-    """Return the stable order of whole numbers from 0, (n,), and the numbers in that order.
+    """Return the stable order of non-negative integers (n,), and the sorted integers.
 
-    The place of each goes into the bits that the numbers leave free: sorting alone is nine times faster than sorting
-    with places beside (4 million numbers).
+    The index of each is stored in its unused bits: this is nine times faster than an argsort (4 million numbers).
     """
     places = max(len(keys) - 1, 0).bit_length()
     if int(keys.max(initial=0)).bit_length() + places > _BITS or int(keys.min(initial=0)) < 0:
@@ -27,7 +26,7 @@ def sort_keys(keys: Ints) -> tuple[Ints, Ints]:
 
 
 def unique_keys(keys: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return the different numbers in rising order, which of them each number is, and how often each comes."""
+    """Return the distinct numbers in ascending order, the index of each number among them, and their counts."""
     order, ordered = sort_keys(keys)
     is_new = np.ones(len(keys), dtype=bool)
     is_new[1:] = ordered[1:] != ordered[:-1]
@@ -38,7 +37,7 @@ def unique_keys(keys: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def hash_rows(rows: NDArray[Any]) -> NDArray[np.uint64]:
-    """Return a 64-bit key for each row of 64-bit numbers (n, k), equal where the rows are: their bits, mixed."""
+    """Return a 64-bit key for each row of 64-bit numbers (n, k), equal for equal rows: a hash of their bits."""
     keys = np.zeros(len(rows), np.uint64)
     for column in np.ascontiguousarray(rows).view(np.uint64).T:
         keys = mix_bits(keys ^ column)
@@ -53,7 +52,7 @@ def mix_bits(keys: NDArray[np.uint64]) -> NDArray[np.uint64]:
 
 
 def equal_rows(keys: NDArray[np.integer]) -> tuple[Ints, Ints]:
-    """Return the first place of each distinct key, ascending, and for each place the number of its key."""
+    """Return the first index of each distinct key, ascending, and for each index the number of its key."""
     order = np.argsort(keys)
     ordered = keys[order]
     is_new = np.concatenate([[True], ordered[1:] != ordered[:-1]])

@@ -1,4 +1,4 @@
-"""Triangles without a mesh, as files hold them: corners in single precision, merged by identical coordinates."""
+"""Triangles given by their corners, as in STL files, to a mesh: corners with equal float32 coordinates are merged."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from scaffold_pipeline.errors import StageError
 def merge_corners(corners: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return `vertices` (n, 3) and `faces` (m, 3) of triangles `corners` (m, 3, 3) that hold float32 values.
 
-    Corners of equal coordinates become one vertex, nothing else is merged; vertices are in the order of their
-    first use. Raises `StageError` where a coordinate is not finite in float32.
+    Only corners with equal coordinates become one vertex; vertices are in the order of their first use. Raises
+    `StageError` if a coordinate is not finite in float32.
     """
     points = to_single(corners.reshape(-1, 3))
     if not len(points):
@@ -27,7 +27,7 @@ def merge_corners(corners: NDArray[np.floating]) -> tuple[NDArray[np.float64], N
 
 
 def to_single(coordinates: NDArray[np.floating]) -> Singles:
-    """Return the coordinates in float32, -0.0 as 0.0; raises `StageError` where one is not finite there."""
+    """Return the coordinates in float32, -0.0 as 0.0; raises `StageError` if one is not finite there."""
     with np.errstate(over="ignore"):
         single: Singles = np.add(coordinates, np.float32(0.0), dtype=np.float32, casting="same_kind")
     if not np.isfinite(single).all():
@@ -37,6 +37,6 @@ def to_single(coordinates: NDArray[np.floating]) -> Singles:
 
 
 def _keys(points: Singles) -> NDArray[np.uint64]:
-    """Return a 64-bit key for each row, equal where the rows are: their bits, mixed."""
+    """Return a 64-bit key for each row, equal for equal rows: a hash of their bits."""
     x, y, z = np.ascontiguousarray(points).view(np.uint32).astype(np.uint64).T
     return mix_bits(mix_bits(x | (y << np.uint64(32))) ^ z)

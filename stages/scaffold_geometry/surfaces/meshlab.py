@@ -1,7 +1,7 @@
-"""MeshLab's filters on arrays: the one place that knows pymeshlab (Cignoni et al., "MeshLab", 2008).
+"""MeshLab's filters on arrays; no other module imports pymeshlab (Cignoni et al., "MeshLab", 2008).
 
-MeshLab can end the process: call these in a child process. Every parameter of a filter is given at every call, as
-some filters keep those of the last one. Vertices are (n, 3) mm, faces (m, 3).
+MeshLab can crash: call these functions in a child process. Every parameter of a filter is given at every call, as some
+filters keep those of the last call. Vertices are (n, 3) mm, faces (m, 3).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ MeshSet = Any
 
 
 class Welded(NamedTuple):
-    """A surface whose vertices are one at each place and each edge has two faces, and what was found on the way."""
+    """A surface with distinct vertices and two faces at each edge, and the counts of merged and split elements."""
 
     vertices: Floats
     faces: Ints
@@ -43,9 +43,9 @@ class Welded(NamedTuple):
 
 
 def weld_with_meshlab(vertices: Floats, faces: Ints) -> Welded:
-    """Merge vertices at one place, drop doubled faces, and split edges of more than two faces and touching vertices.
+    """Merge coincident vertices, remove duplicate faces, and split non-manifold edges and vertices.
 
-    A vertex that no face uses is dropped too. Raises `StageError` where MeshLab's libraries are missing.
+    Unused vertices are removed too. Raises `StageError` if MeshLab's libraries are missing.
     """
     filters = (_DUPLICATE_VERTICES, _DUPLICATE_FACES, _NON_MANIFOLD_EDGES, _NON_MANIFOLD_VERTICES, _UNREFERENCED)
     meshes = _mesh_set(vertices, faces, *filters, _TOPOLOGY)
@@ -69,7 +69,7 @@ def weld_with_meshlab(vertices: Floats, faces: Ints) -> Welded:
 def smooth_with_meshlab(vertices: Floats, faces: Ints, steps: int) -> Floats:
     """Return the vertices after `steps` of Taubin smoothing with equal weights, (n, 3) mm.
 
-    Raises `StageError` where MeshLab's libraries are missing.
+    Raises `StageError` if MeshLab's libraries are missing.
     """
     meshes = _mesh_set(vertices, faces, _TAUBIN)
     meshes.apply_filter(_TAUBIN, stepsmoothnum=steps, selected=False, **_TAUBIN_WEIGHTS)
@@ -77,9 +77,9 @@ def smooth_with_meshlab(vertices: Floats, faces: Ints, steps: int) -> Floats:
 
 
 def _mesh_set(vertices: Floats, faces: Ints, *filters: str) -> MeshSet:
-    """Return a set that holds the surface, once the filters asked for are known to be there.
+    """Return a mesh set with the surface, after checking that the filters exist.
 
-    Where a system library is missing, pymeshlab cannot be imported, or comes up without some of its filters.
+    If a system library is missing, pymeshlab cannot be imported, or lacks some of its filters.
     """
     try:
         import pymeshlab
@@ -88,7 +88,7 @@ def _mesh_set(vertices: Floats, faces: Ints, *filters: str) -> MeshSet:
     there = pymeshlab.filter_list()
     for name in filters:
         if name not in there:
-            raise StageError(f"pymeshlab came up without its filter {name}: {_REMEDY}")
+            raise StageError(f"pymeshlab has no filter {name}: {_REMEDY}")
     meshes = pymeshlab.MeshSet()
     meshes.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
     return meshes

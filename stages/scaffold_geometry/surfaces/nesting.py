@@ -1,4 +1,4 @@
-"""How the shells of a closed surface lie in each other."""
+"""The nesting of the shells of a closed surface."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from scaffold_geometry.jit import parallel_kernel, prange
 
 
 def misplaced_shells(vertices: Floats, faces: Ints, shells: Ints, volumes: Floats) -> Bools:
-    """Return which shells (k,) of a surface that does not cross itself bound no solid, or one within a solid.
+    """Return which shells (k,) of a surface without self-intersections are inverted or nested wrongly.
 
-    `shells` (m,) is the shell of each face, `volumes` (k,) what each encloses: a piece's is positive and must lie in
-    void, a closed pore's is negative and must lie in solid, by how often the other shells wind about it.
+    `shells` (m,) is the shell of each face, `volumes` (k,) the enclosed volumes. A piece has a positive volume and must
+    be in void, a closed pore has a negative volume and must be in solid, by the winding number of the other shells.
     """
     greatest = int(np.argmax(np.abs(volumes)))
     misplaced = np.zeros(len(volumes), np.bool_)
@@ -27,7 +27,7 @@ def misplaced_shells(vertices: Floats, faces: Ints, shells: Ints, volumes: Float
 
 @parallel_kernel
 def _winding_of_others(vertices: Floats, faces: Ints, shells: Ints, shell: int, x: float, y: float, z: float) -> float:
-    """Return how often the faces of all shells but one wind about a point.
+    """Return the winding number about a point of all shells except one.
 
     Solid angles after Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126. One point of a surface of
     657,000 triangles takes 0.025 s; igl.fast_winding_number takes 0.8 s, and is wrong within 1e-6 mm of a triangle.

@@ -1,4 +1,4 @@
-"""Regular bodies about the origin."""
+"""Regular polyhedra centred at the origin."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scaffold_geometry.surfaces import triangles
 
 
 def icosahedron() -> tuple[Floats, Ints]:
-    """Return its 12 vertices, cyclic turns of (0, +-1, +-golden ratio), and 20 outward faces."""
+    """Return its 12 vertices, cyclic permutations of (0, +-1, +-golden ratio), and 20 outward faces."""
     golden = (1.0 + np.sqrt(5.0)) / 2.0
     turns = [np.roll([0.0, one, two], turn) for turn in range(3) for one in (-1, 1) for two in (-golden, golden)]
     vertices = np.array(turns)

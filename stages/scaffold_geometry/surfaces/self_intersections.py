@@ -1,9 +1,9 @@
-"""Triangles of a mesh that pass through, touch or lie upon each other where they should not, found exactly.
+"""Self-intersections of a triangle mesh: triangles that cross, touch or overlap, found exactly.
 
 Two triangles may have in common the vertices that they share and the edge between these, and nothing else.
 
-CGAL's search by way of libigl finds the same but for faces that are there twice, which it passes over, in twice the
-time and memory (docs/decisions/libraries.md).
+CGAL's search through libigl finds the same, except duplicate faces, in twice the time and memory
+(docs/decisions/libraries.md).
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_pipeline.processes.isolation import Arrays
 
 _FINEST = 2.0**-200
-"""Share of the greatest coordinate below which one is taken as 0: the products of what is left are exact."""
+"""Share of the greatest coordinate below which one is set to 0, so that products of the others are exact."""
 
 
 def self_intersecting_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Bools:
-    """Return which faces (m, 3) have more in common with another than the vertices and edge they share, (m,).
+    """Return which faces (m, 3) meet another beyond the vertices and edge that they share, (m,).
 
-    `vertices` (n, 3) are distinct. Faces without area are left out (see `degenerate_faces`); their neighbours lie upon
-    each other, and are found, as are faces that are there twice.
+    `vertices` (n, 3) are distinct. Faces without area are left out (see `degenerate_faces`); their neighbours overlap
+    and are found, as are duplicate faces.
     """
     if len(faces) < 2:  # it takes two
         return np.zeros(len(faces), np.bool_)
@@ -39,12 +39,12 @@ def degenerate_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer])
 
 
 def find_self_intersections(vertices: Floats, faces: Ints) -> Arrays:
-    """Return the numbers `faces` (k,) of the `self_intersecting_faces`; for a child process, as a heap takes long."""
+    """Return the indices `faces` (k,) of the `self_intersecting_faces`; for a child process, as this can take long."""
     return {"faces": np.flatnonzero(self_intersecting_faces(vertices, faces))}
 
 
 def _scale(vertices: NDArray[np.floating]) -> Floats:
-    """Return the vertices in a unit, a power of two, that the greatest coordinate is a part of."""
+    """Return the vertices divided by a power of two, so that coordinates are at most 1."""
     points = np.asarray(vertices, np.float64)
     scaled = np.ldexp(points, -int(np.frexp(np.abs(points).max(initial=0.0))[1]))
     return np.ascontiguousarray(np.where(np.abs(scaled) < _FINEST, 0.0, scaled))

@@ -1,4 +1,4 @@
-"""What the shells of a surface tell of a solid: whether it is one, in one piece, without closed pores."""
+"""Facts of a solid from the shells of its surface: whether it is manifold, its pieces and closed pores."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from scaffold_geometry.surfaces.triangles import edge_faults, face_pieces, piece
 from scaffold_pipeline.artifacts import Metric
 
 METRICS = (
-    Metric("solid_pieces", "", "Pieces of solid", "One is what a printer wants; more are loose.", "Struts"),
+    Metric("solid_pieces", "", "Pieces of solid", "A printable solid has one; others are loose.", "Struts"),
     Metric("solid_largest_fraction", "", "Largest piece of solid", "Its share of the solid's volume.", "Struts"),
-    Metric("closed_pores", "", "Closed pores", "Cavities in the solid that nothing can reach.", "Pores"),
-    Metric("is_manifold", "", "Manifold", "Whether the surface is closed, with two triangles at each edge.", "Surface"),
+    Metric("closed_pores", "", "Closed pores", "Cavities in the solid without a way out.", "Pores"),
+    Metric("is_manifold", "", "Manifold", "Yes if the surface is closed, with two triangles at each edge.", "Surface"),
 )
-"""What `shell_facts` tells."""
+"""The metrics of `shell_facts`."""
 
 
 def shell_facts(vertices: Floats, faces: Ints) -> dict[str, bool | int | float]:
-    """Return of a surface, (n, 3) and (m, 3), whether it is a manifold, and count its pieces and closed pores."""
+    """Return whether a surface, (n, 3) and (m, 3), is manifold, and the numbers of its pieces and closed pores."""
     faults = edge_faults(faces)
     volumes = piece_volumes(vertices, faces, face_pieces(faces))
     pieces = volumes[volumes > 0.0]

@@ -1,4 +1,4 @@
-"""A smoothed surface held to what smoothing promises: the same volume, no vertex far from its place, no fold.
+"""Limit the smoothing of a surface: constant volume, a greatest distance for each vertex, no self-intersection.
 
 Vertices are (n, 3) mm, faces (m, 3) of a closed surface; both surfaces have the same faces.
 """
@@ -20,10 +20,10 @@ _ROUNDS = 12
 
 
 class Smoothed(NamedTuple):
-    """The smoothed vertices, (n, 3) mm, and what became of them.
+    """The smoothed vertices, (n, 3) mm, and how far they moved.
 
-    `moved` is how far the vertices were moved at most, mm, which no point of the surface exceeds; `offset` how far
-    along the normals at the root of the mean square, mm; `put_back` how many vertices were put back to undo folds.
+    `moved` is the greatest distance of a vertex, and so of any point of the surface, mm; `offset` the root mean square
+    of the distances along the normals, mm; `put_back` the number of vertices moved back to undo self-intersections.
     """
 
     vertices: Floats
@@ -33,10 +33,10 @@ class Smoothed(NamedTuple):
 
 
 def hold_smoothing(vertices: Floats, smoothed: Floats, faces: Ints, limit: float) -> Smoothed:
-    """Return the `smoothed` vertices, none further than `limit` mm from its own, at the volume of `vertices`.
+    """Return the `smoothed` vertices, each within `limit` mm of its old position, at the volume of `vertices`.
 
-    Where smoothing makes the surface cross itself, as between walls that are less than a voxel apart, the vertices are
-    put back to their places; where that does not help in some rounds, all of them are.
+    Where smoothing makes the surface intersect itself, as between walls less than a voxel apart, the vertices are moved
+    back to their old positions; if this does not help within some rounds, all vertices are moved back.
     """
     limits = np.full(len(vertices), limit)
     held = _at_volume(vertices, smoothed, faces, limits)
@@ -59,7 +59,7 @@ def _measure_moves(vertices: Floats, held: Floats, faces: Ints, put_back: int) -
 
 
 def _at_volume(old: Floats, vertices: Floats, faces: Ints, limits: Floats) -> Floats:
-    """Move a surface along its normals to the volume of `old`, no vertex further than `limits` (n,) mm from there."""
+    """Move a surface along its normals to the volume of `old`, each vertex within `limits` (n,) mm of `old`."""
     wanted, _ = _volume_and_area(old, faces)
     vertices = _within(old, vertices, limits)
     for _ in range(_VOLUME_STEPS):
@@ -71,7 +71,7 @@ def _at_volume(old: Floats, vertices: Floats, faces: Ints, limits: Floats) -> Fl
 
 
 def _within(old: Floats, vertices: Floats, limits: Floats) -> Floats:
-    """Return the vertices, those further than `limits` (n,) mm from their `old` places at that distance."""
+    """Return the vertices, moved back to `limits` (n,) mm from their `old` positions if further."""
     moves = vertices - old
     lengths = np.linalg.norm(moves, axis=1)
     return np.asarray(old + (np.minimum(lengths, limits) / np.maximum(lengths, np.finfo(float).tiny))[:, None] * moves)

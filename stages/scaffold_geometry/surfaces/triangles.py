@@ -1,7 +1,7 @@
 """Formulas on triangle meshes: vertices (n, 3), faces (m, 3) corner indices, counter-clockwise from outside.
 
-A half-edge `h` runs from corner `h % 3` of face `h // 3` to that face's next corner. Two faces are neighbours
-where they share an edge; a vertex alone joins nothing.
+A half-edge `h` runs from corner `h % 3` of face `h // 3` to that face's next corner. Two faces are neighbours if they
+share an edge, not if they share only a vertex.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from scaffold_geometry.surfaces.edges import components
 from scaffold_geometry.surfaces.keys import equal_rows, hash_rows, sort_keys, unique_keys
 
 FLAT = 1e-12
-"""A triangle lower than this share of the greatest coordinate has no area that float64 can tell from none."""
+"""Height, as a share of the greatest coordinate, below which float64 cannot distinguish an area from 0."""
 
 
 class EdgeFaults(NamedTuple):
-    """Counts of edges: of one face, of more than two, and of two faces that walk it the same way."""
+    """Numbers of edges with one face, with more than two, and with two faces of the same direction."""
 
     boundary: int
     non_manifold: int
@@ -27,26 +27,26 @@ class EdgeFaults(NamedTuple):
 
 
 class Winding(NamedTuple):
-    """The faces to turn, (m,) bool, so that neighbours agree, and whether that is possible everywhere."""
+    """The faces to flip, (m,) bool, so that neighbours agree, and whether this is possible everywhere."""
 
     turn: Bools
     orientable: bool
 
 
 def merge_coincident(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    """Return the mesh with one vertex for each place, in the order of first use in `vertices`."""
+    """Return the mesh with coincident vertices merged, in the order of `vertices`."""
     if not len(vertices):
         return vertices, faces
-    places = vertices + 0.0  # -0.0 and 0.0 are one place
+    places = vertices + 0.0  # -0.0 and 0.0 are equal
     first, place = equal_rows(hash_rows(places))
-    if not np.array_equal(places[first][place], places):  # two places share a key: once in 10^6 files
+    if not np.array_equal(places[first][place], places):  # two positions share a key: once in 10^6 files
         _, exact = np.unique(places, axis=0, return_inverse=True)
         first, place = equal_rows(exact.reshape(-1))
     return places[first], place[faces]
 
 
 def size_in_words(vertices: Floats, faces: Ints) -> str:
-    """Return the bounding box of what the faces (m, 3) use as `70.2 x 57.7 x 61.8`."""
+    """Return the size of the bounding box of the used vertices as `70.2 x 57.7 x 61.8`."""
     return " x ".join(f"{length:.4g}" for length in np.ptp(vertices[faces], axis=(0, 1)))
 
 
@@ -64,7 +64,7 @@ def duplicate_vertex_faces(faces: Ints) -> Bools:
 
 
 def flat_faces(vertices: Floats, faces: Ints) -> Bools:
-    """Return which faces have no height over their longest side, (m,); collapsed faces are among them."""
+    """Return which faces have no height over their longest side, (m,), including those with coincident corners."""
     corners = vertices[faces]
     sides = np.roll(corners, -1, axis=1) - corners
     longest = np.linalg.norm(sides, axis=2).max(axis=1, initial=0.0)
@@ -74,7 +74,7 @@ def flat_faces(vertices: Floats, faces: Ints) -> Bools:
 
 
 def duplicate_faces(faces: Ints) -> Bools:
-    """Return which faces have the same corners as an earlier one, however wound, (m,)."""
+    """Return which faces have the same corners as an earlier one, in any order, (m,)."""
     corners = np.sort(faces, axis=1)
     first, group = equal_rows(hash_rows(corners)) if len(faces) else (faces[:0, 0], faces[:0, 0])
     if not np.array_equal(corners[first][group], corners):  # two triples share a key: once in 10^6 files
@@ -85,7 +85,7 @@ def duplicate_faces(faces: Ints) -> Bools:
 
 
 def edge_faults(faces: Ints) -> EdgeFaults:
-    """Count the edges that keep a surface from being closed, manifold and consistently wound."""
+    """Count the edges at which a surface is not closed, manifold or consistently oriented."""
     key = _edge_keys(faces)
     _, edge, uses = unique_keys(key)
     forward = np.bincount(edge, weights=_tails(faces) < _heads(faces), minlength=len(uses))
@@ -106,7 +106,7 @@ def face_pieces(faces: Ints) -> Ints:
 def corner_fans(faces: Ints) -> Ints:
     """Return the number of the fan that each corner belongs to, (m, 3), from 0.
 
-    A fan is what of a vertex hangs together by edges; a vertex of two fans is where a surface touches itself.
+    A fan is a set of faces at a vertex, connected by edges; at a vertex with two fans the surface touches itself.
     """
     one, other = _neighbours(faces)
     is_same_way = _tails(faces)[one] == _tails(faces)[other]
@@ -117,7 +117,7 @@ def corner_fans(faces: Ints) -> Ints:
 
 
 def touching_vertices(faces: Ints) -> int:
-    """Count the vertices at which a surface touches itself: those of more than one fan."""
+    """Count the vertices at which a surface touches itself: those with more than one fan."""
     fans = corner_fans(faces).ravel()
     vertex = np.empty(int(fans.max(initial=-1)) + 1, dtype=np.int64)
     vertex[fans] = faces.ravel()  # all corners of a fan are at one vertex
@@ -125,15 +125,15 @@ def touching_vertices(faces: Ints) -> int:
 
 
 def euler_characteristic(faces: Ints) -> int:
-    """Return vertices - edges + faces, of the vertices that the faces use."""
+    """Return vertices - edges + faces, with the vertices that the faces use."""
     return len(np.unique(faces)) - len(unique_keys(_edge_keys(faces))[0]) + len(faces)
 
 
 def consistent_winding(faces: Ints) -> Winding:
-    """Find the faces to turn so that neighbours walk their edge in opposite ways; in each piece the fewer turn.
+    """Find the faces to flip for a consistent orientation; in each piece, the smaller set of faces is flipped.
 
-    Every face stands twice in a graph, as it is and turned; edges join what agrees. A piece can be oriented
-    where its two sides do not meet. Edges of more than two faces bind nothing.
+    Every face is two nodes of a graph, unchanged and flipped; edges of the mesh connect nodes that agree. A piece is
+    orientable if both nodes of a face are never connected. Edges of more than two faces are ignored.
     """
     count = len(faces)
     one, other = _neighbours(faces, only_pairs=True)
@@ -145,19 +145,19 @@ def consistent_winding(faces: Ints) -> Winding:
         np.concatenate([a, a + count]), np.concatenate([b + clash * count, b + (1 - clash) * count]), 2 * count
     )
     as_is, turned = side[:count], side[count:]
-    # The greater of a piece's two sides is the way that most of its faces are wound.
+    # The larger of a piece's two components has the orientation of most of its faces.
     sizes = np.bincount(as_is, minlength=2 * count)
     turn = (sizes[as_is] < sizes[turned]) | ((sizes[as_is] == sizes[turned]) & (as_is > turned))
     return Winding(turn=turn, orientable=bool((as_is != turned).all()))
 
 
 def turn_faces(faces: Ints, turn: Bools) -> Ints:
-    """Return the faces with those of `turn` (m,) wound the other way."""
+    """Return the faces with those of `turn` (m,) flipped."""
     return np.where(turn[:, None], faces[:, ::-1], faces)
 
 
 def piece_volumes(vertices: Floats, faces: Ints, pieces: Ints) -> Floats:
-    """Return the signed volume that each piece encloses, in the cube of the vertices' unit."""
+    """Return the signed volume of each piece, in the cube of the vertices' unit."""
     if not len(faces):
         return np.zeros(0)
     a, b, c = np.moveaxis((vertices - vertices[faces].mean(axis=(0, 1)))[faces], 1, 0)
@@ -172,10 +172,10 @@ def face_areas(vertices: Floats, faces: Ints) -> Floats:
 
 
 def winding_number(point: Floats, vertices: Floats, faces: Ints) -> float:
-    """Return how often a closed surface winds about `point` (3,): 1 inside, 0 outside, negated if inverted.
+    """Return the winding number of a closed surface about `point` (3,): 1 inside, 0 outside, negated if inverted.
 
     The sum of solid angles of Van Oosterom and Strackee, IEEE Trans. Biomed. Eng. 30 (1983) 125-126: exact, and faster
-    for one point than libigl's fast one, which first builds a tree (docs/decisions/libraries.md).
+    for one point than libigl's fast version, which first builds a tree (docs/decisions/libraries.md).
     """
     a, b, c = np.moveaxis(vertices[faces] - point, 1, 0)
     la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
@@ -198,13 +198,13 @@ def _next(half_edge: Ints) -> Ints:
 
 
 def _edge_keys(faces: Ints) -> Ints:
-    """Return one number for the undirected edge of each half-edge, (3m,)."""
+    """Return a key for the undirected edge of each half-edge, (3m,)."""
     tails, heads = _tails(faces), _heads(faces)
     return np.asarray(np.minimum(tails, heads) * (faces.max(initial=0) + 1) + np.maximum(tails, heads))
 
 
 def _neighbours(faces: Ints, *, only_pairs: bool = False) -> tuple[Ints, Ints]:
-    """Return pairs of half-edges on one edge; an edge of k faces gives k - 1, or none if `only_pairs` and k > 2."""
+    """Return pairs of half-edges on one edge: k - 1 pairs for an edge of k faces, or none if `only_pairs` and k > 2."""
     key = _edge_keys(faces)
     order, ordered = sort_keys(key)
     meets = ordered[1:] == ordered[:-1]

@@ -1,4 +1,4 @@
-"""Regular grids over a shape: where their samples lie, and which of them lie inside."""
+"""Regular grids over a shape: the positions of samples, and which are inside."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ def grid_over(bounds: Floats, spacing: float, margin: int) -> tuple[Floats, tupl
 
 
 def samples_inside(vertices: Floats, faces: Ints, origin: Floats, spacing: float, shape: tuple[int, int, int]) -> Bools:
-    """Tell which samples of a grid lie inside a closed surface, (nx, ny, nz).
+    """Return which samples of a grid are inside a closed surface, (nx, ny, nz).
 
-    Those exactly on it belong to the body above them on each axis. VTK's stencil tells the same of all others, in up to
-    90 times the time (docs/decisions/libraries.md).
+    Samples exactly on it belong to the body above them on each axis. VTK's stencil gives the same for all others and
+    takes up to 90 times as long (docs/decisions/libraries.md).
     """
     from scaffold_geometry.voxels.scan_conversion import add_turns, mark_inside
 
@@ -33,7 +33,7 @@ def samples_inside(vertices: Floats, faces: Ints, origin: Floats, spacing: float
 
 
 def dilate(inside: Bools, steps: int) -> Bools:
-    """Return the samples within `steps` of `inside`, diagonal neighbours included."""
+    """Return the samples within `steps` of those `inside`, diagonal neighbours included."""
     result = inside.copy()
     for axis in range(inside.ndim):
         before, line = result.copy(), np.moveaxis(result, axis, 0)

@@ -1,4 +1,4 @@
-"""The voxel image that the volumetric measures read: what is outside, pore and strut on a regular grid."""
+"""The voxel image of a scaffold for volumetric measures: outside, pore or strut on a regular grid."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OUTSIDE, PORE, STRUT = 0, 1, 2
 
 @dataclass(frozen=True, eq=False)
 class VoxelImage:
-    """The phase of each voxel: `phases` (nx, ny, nz) uint8, `OUTSIDE` the outer shape, `PORE` or `STRUT`.
+    """The phase of each voxel: `phases` (nx, ny, nz) uint8, `OUTSIDE` (of the outer shape), `PORE` or `STRUT`.
 
     Voxel [i, j, k] is a cube of edge `spacing`, mm, about `origin + spacing * (i, j, k)`, mm. The outermost layer of
     voxels is `OUTSIDE`.
@@ -25,9 +25,9 @@ class VoxelImage:
     spacing: float
 
     def is_phase(self, phase: int) -> Bools:
-        """Return where the image has `phase`, (nx, ny, nz)."""
+        """Return which voxels have `phase`, (nx, ny, nz)."""
         return np.equal(self.phases, phase)
 
     def place(self, voxel: tuple[int, ...]) -> Floats:
-        """Return the middle of a voxel, (3,) mm."""
+        """Return the centre of a voxel, (3,) mm."""
         return np.asarray(self.origin + self.spacing * np.asarray(voxel))

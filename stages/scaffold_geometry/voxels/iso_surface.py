@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 from scaffold_geometry.arrays import Floats, Ints
 
 _NUDGE = 1e-3
-"""Samples nearer to the iso than this, in the greatest change from sample to sample, are moved away from it: where a
-sample equals the iso, triangles shrink to a point and the surface is no manifold."""
+"""Samples closer to the iso-value than this share of the greatest change between samples are moved away from it: where
+a sample equals the iso-value, triangles degenerate and the surface is not a manifold."""
 
 
 def extract_iso_surface(values: NDArray[np.float32], iso: float, origin: Floats, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (n, 3) mm and faces (m, 3) of the boundary of {values > iso}, closed where the grid ends.
+    """Return vertices (n, 3) mm and faces (m, 3) of the boundary of {values > iso}, closed at the ends of the grid.
 
     Flying edges (Schroeder, Maynard, Geveci, LDAV 2015), normals outward; scikit-image's `method="lorensen"` gives as
-    many triangles, as manifold, in four times the time. Both arrays are empty where there is none.
+    many triangles, also manifold, in four times the time. Both arrays are empty if there is no surface.
     """
     changes = max(float(np.abs(np.diff(values, axis=axis)).max()) for axis in range(3))
     step = np.float32(changes or max(1.0, abs(iso)))

@@ -1,4 +1,4 @@
-"""The value of an image at points beside what has a value."""
+"""The value of the nearest voxel that has one."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from scaffold_geometry.arrays import Floats, Singles
 from scaffold_geometry.jit import kernel
 
 _REACH = 2
-"""Voxels from that of a point in which a value is looked for."""
+"""Search distance from a point, voxels."""
 
 
 @kernel
 def nearest_values(values: Singles, points: Floats) -> Floats:
-    """Return the value above 0 of the voxel nearest to each point (n, 3), in voxels, 0 where none is near."""
+    """Return the value of the nearest voxel above 0 at each point (n, 3), in voxels; 0 if none is near."""
     nearest = np.zeros(len(points))
     for point in range(len(points)):
         at = np.empty(3, np.int64)

@@ -9,17 +9,17 @@ from scaffold_geometry.voxels.grids import dilate, grid_over, samples_inside
 from scaffold_geometry.voxels.iso_surface import extract_iso_surface
 
 _BAND = 3.0
-"""Distance, in samples, from the offset surface within which the distance field is computed exactly."""
+"""Distance from the offset surface, in samples, within which the distance field is exact."""
 
 _FINEST, _COARSEST = 600.0, 100.0
-"""Samples along the diagonal of a shape that is offset: at most, as they take some 2 GB, and at least."""
+"""Most and fewest samples along the diagonal of the shape; the most need about 2 GB."""
 
 
 def offset_inward(vertices: Floats, faces: Ints, depth: float) -> tuple[Floats, Ints]:
     """Return the surface `depth` mm inside a closed one: the exact distance, contoured on a grid.
 
-    The grid's spacing is half the depth, or what is nearest to that of what its memory and its truth to the shape
-    allow. Both arrays are empty where no point lies so deep.
+    The grid's spacing is half the depth, within limits for memory and accuracy. Both arrays are empty if no point is
+    so deep.
     """
     import igl
     from scipy.ndimage import distance_transform_edt

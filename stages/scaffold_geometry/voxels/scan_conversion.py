@@ -1,11 +1,10 @@
-"""Which samples of a grid lie inside a closed surface: each triangle turns the columns that it crosses.
+"""Scan conversion: the samples of a grid inside a closed surface, from the columns that its triangles cross.
 
-The winding number along columns of samples, the sum of the signs of the triangles below: W. Randolph Franklin's
-crossings rule in the plane, which makes rows of samples of a triangle, and the same rule along the columns.
-All edges of a triangle are cut with a row from the lower end to the upper one, so that both triangles of an edge find
-the same point to the last digit: their shares of each row abut, and no column is crossed by one side of a surface
-only, wherever samples lie on edges or corners. Everything is half-open: a sample on a face at the low end of a body, on
-any axis, is inside it, and one on a face at its high end is outside, so that bodies side by side share no sample.
+A sample's winding number is the sum of the orientations of the triangles below it in its column. The samples below a
+triangle are found row by row, by W. Randolph Franklin's crossings rule in the plane. Each edge is intersected with a
+row from its lower to its upper end, so that both triangles of an edge get the same point to the last bit; so each
+column is crossed once, even if samples are on edges or corners. Intervals are half-open: a sample on a face at the low
+end of a body, on any axis, is inside, one on a face at the high end is outside, so adjacent bodies share no sample.
 """
 
 from __future__ import annotations
@@ -21,10 +20,10 @@ from scaffold_geometry.jit import kernel
 
 @kernel
 def add_turns(vertices: Floats, faces: Ints, turns: NDArray[np.int8], sums: NDArray[np.int32]) -> None:
-    """Add to `turns` (nx, ny, nz), at the first sample of a column above each crossing, +1 going in and -1 going out.
+    """Add +1 (entering) or -1 (leaving) to `turns` (nx, ny, nz) at the first sample of a column above each crossing.
 
-    `vertices` (n, 3) count in samples from the first one. `sums` (nx, ny) are those of all crossings of each column,
-    those above its last sample too: 0 where the surface of `faces` (m, 3) is closed.
+    `vertices` (n, 3) are in samples from the first one. `sums` (nx, ny) are the sums over all crossings of each column,
+    also above its last sample: 0 if the surface of `faces` (m, 3) is closed.
     """
     nx, ny, nz = turns.shape
     corner = np.empty((3, 3))
@@ -52,7 +51,7 @@ def add_turns(vertices: Floats, faces: Ints, turns: NDArray[np.int8], sums: NDAr
 
 @kernel(inline=True)
 def _intersect_row(corner: Floats, row: int, ends: Floats) -> None:
-    """Cut the two edges of a triangle that reach from at or below a row to above it."""
+    """Intersect a row with the two edges of a triangle that go from on or below it to above it."""
     for side in range(3):
         start, end = side, (side + 1) % 3
         if (corner[start, 1] <= row) == (corner[end, 1] <= row):
@@ -66,7 +65,7 @@ def _intersect_row(corner: Floats, row: int, ends: Floats) -> None:
 
 @kernel
 def mark_inside(turns: NDArray[np.int8], phases: NDArray[np.uint8], within: int, phase: int) -> None:
-    """Give `phase` to the samples of `phases` (nx, ny, nz) that have the phase `within` and lie inside."""
+    """Set `phase` at the samples of `phases` (nx, ny, nz) that are inside and have the phase `within`."""
     nx, ny, nz = turns.shape
     for i in range(nx):
         for j in range(ny):

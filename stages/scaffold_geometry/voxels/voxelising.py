@@ -1,4 +1,4 @@
-"""The voxel image of a closed solid in its outer shape, for the measures that count voxels."""
+"""The voxel image of a closed solid in its outer shape, for volumetric measures."""
 
 from __future__ import annotations
 
@@ -14,21 +14,20 @@ from scaffold_pipeline.errors import StageError
 Surface = tuple[Floats, Ints]
 
 _ROUNDING = 1e-9
-"""Share of a voxel by which a length may exceed a whole number of them."""
+"""Tolerance, voxels, by which a length may exceed a whole number of voxels."""
 
 _GROWTH = 1.001
-"""Least factor from one spacing that makes too many voxels to the next."""
+"""Least factor between tried spacings."""
 
 
 def voxelise(solid: Surface, outer: Surface, spacing: float) -> VoxelImage:
     """Return the image, in voxels of `spacing` mm, of a `solid` in its `outer` shape: vertices (n, 3), faces (m, 3).
 
-    A voxel is a strut where its middle lies inside both, and a pore where it lies inside the outer shape only. Middles
-    within some 1e-12 of the size from a surface may be on either side; those exactly on it belong to the body above
-    them on each axis. So a volume is off by the sampling alone: by half a voxel times the area at the worst, where
-    flat faces lie along the grid; else the errors cancel out, to 1e-4 of a ball's volume 20 voxels across. Takes 3
-    bytes a voxel. Raises `StageError` where a line along z shows that a surface is not closed, naming it, or the
-    spacing is no positive length.
+    A voxel is a strut if its centre is inside both, and a pore if it is inside the outer shape only. Centres within
+    about 1e-12 of the size from a surface may be on either side; those exactly on it belong to the body above them on
+    each axis. Volumes have only the sampling error: at most half a voxel times the area, for flat faces along the grid;
+    otherwise errors cancel out, to 1e-4 of the volume of a ball 20 voxels across. Needs 3 bytes per voxel. Raises
+    `StageError` if a line along z shows that a surface is not closed, with its name, or if the spacing is not positive.
     """
     from scaffold_geometry.voxels.scan_conversion import mark_inside
 
@@ -44,7 +43,7 @@ def voxelise(solid: Surface, outer: Surface, spacing: float) -> VoxelImage:
 def finest_spacing(bounds: Floats, most_voxels: float) -> float:
     """Return the spacing, mm, at which the image of `bounds` (2, 3) mm has at most `most_voxels`, its border included.
 
-    It is within some per cent of the least such spacing.
+    It is within a few per cent of the least such spacing.
     """
     spacing = math.cbrt(float(np.prod(bounds[1] - bounds[0])) / most_voxels)
     while (voxels := math.prod(_shape_of(bounds, spacing))) > most_voxels:
@@ -72,6 +71,6 @@ def _turns(
         x, y = origin[:2] + spacing * np.array([i, j])
         raise StageError(
             f"the surface of the {name} is not closed: the line at x {x:.4g}, y {y:.4g} mm enters it {sums[i, j]:+d} "
-            "times more than it leaves it; mend it with load_surface"
+            "times more than it leaves it; repair it with load_surface"
         )
     return turns

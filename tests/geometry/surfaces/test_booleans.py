@@ -35,7 +35,7 @@ def nothing():
     ("surface", "said"),
     [
         ((OUTER.vertices, OUTER.faces[1:]), r"not a closed manifold surface \(NotManifold\); repair it first$"),
-        (inverted((OUTER.vertices, OUTER.faces)), r"positive volume, got -480 mm\^3; turn its normals out$"),
+        (inverted((OUTER.vertices, OUTER.faces)), r"positive volume, got -480 mm\^3; turn its triangles outward$"),
         (nothing(), r"positive volume, got 0 mm\^3"),
         ((np.where(OUTER.vertices > 7.0, np.nan, OUTER.vertices), OUTER.faces), r"\(NonFiniteVertex\)"),
     ],
@@ -69,7 +69,7 @@ def test_a_core_is_the_shape_less_its_skin():
     core = booleans.offset_core(OUTER.vertices, OUTER.faces, 1.0)
     assert core.volume() == pytest.approx(4.0 * 6.0 * 8.0, rel=0.01)
     assert booleans.offset_core(OUTER.vertices, OUTER.faces, 0.0) is None
-    with pytest.raises(StageError, match=r"^skin 3.5 mm: the outer shape is nowhere so thick.*; lower skin$"):
+    with pytest.raises(StageError, match=r"^skin 3.5 mm: fills the whole outer shape.*; lower skin$"):
         booleans.offset_core(OUTER.vertices, OUTER.faces, 3.5)
 
 

@@ -147,7 +147,7 @@ def test_the_hole_of_a_shell_is_pore_and_overlapping_bodies_are_united():
 def test_an_open_surface_is_refused_by_name_and_place():
     vertices, faces = ball(5.0)
     faces = faces[vertices[faces][:, :, 2].max(axis=1) < 4.9]
-    with pytest.raises(StageError, match=r"surface of the solid is not closed: the line at x .* mend it"):
+    with pytest.raises(StageError, match=r"surface of the solid is not closed: the line at x .* repair it"):
         voxelise((vertices, faces), ROOM, 0.1)
     with pytest.raises(StageError, match="surface of the outer shape is not closed"):
         voxelise(ball(1.0), (vertices, faces), 0.1)

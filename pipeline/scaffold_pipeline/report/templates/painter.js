@@ -1,6 +1,6 @@
-// The solid in 3-D, by WebGL 2 alone: how it is painted. `viewer.js`, which follows, holds what the reader chooses.
-// k3d was tried first: it brings 2.5 MB into each page, asks for fonts beside the page and for a worker, evaluates text as
-// code, and drew nothing under a policy that forbids these.
+// The solid in 3-D, drawn with WebGL 2 only. `viewer.js`, which follows, has the controls.
+// Not by k3d: it adds 2.5 MB to each page, loads fonts, starts a worker and evaluates text as code, which the page's policy
+// forbids.
 
 const COSINE = Math.cos((35 * Math.PI) / 180); // triangles that meet at a sharper edge are not shaded as one
 

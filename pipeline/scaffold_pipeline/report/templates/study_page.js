@@ -13,17 +13,17 @@ function make(parent, name, attributes = {}, text = "") {
 
 // The table
 
-function filter(text, told) {
+function filter(text, count) {
   const words = text.toLowerCase().split(/\s+/);
   for (const line of lines) line.hidden = !words.every((word) => line.textContent.toLowerCase().includes(word));
-  told.textContent = `${lines.filter((line) => !line.hidden).length} of ${lines.length} points`;
+  count.textContent = `${lines.filter((line) => !line.hidden).length} of ${lines.length} points`;
   draw();
 }
 
 function enliven() {
   const bar = document.getElementById("filter");
-  const told = bar.querySelector("output");
-  bar.querySelector("input").addEventListener("input", (event) => filter(event.target.value, told));
+  const count = bar.querySelector("output");
+  bar.querySelector("input").addEventListener("input", (event) => filter(event.target.value, count));
   bar.hidden = false;
 }
 

@@ -1,1 +1,1 @@
-"""Files of a solid: a module for each format that writes it and reads it back, and what a file is checked for."""
+"""Files of a solid: one module for each format, which writes it and reads it back, and the checks of a file."""

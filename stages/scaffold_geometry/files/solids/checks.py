@@ -1,4 +1,4 @@
-"""What a file's mesh is checked for before the file gets its name."""
+"""Checks of the mesh in a file, before the file gets its name."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scaffold_pipeline.artifacts import Solid, SurfaceMesh
 from scaffold_pipeline.errors import StageError
 
 VOLUME_TOLERANCE = 1e-4
-"""How far the volume of a file may be from that of the solid, as a share of it."""
+"""Greatest relative difference of the volume in a file from that of the solid."""
 
 _REMEDY = (
     "write what intersect_outer makes, which is closed and exact in float32; where the shape lies far from the "
@@ -23,7 +23,7 @@ _REMEDY = (
 
 @dataclass(frozen=True)
 class ExpectedSolid:
-    """What the solid in memory says that its file will hold; the volume in mm^3."""
+    """The properties that a file must have, from the solid in memory; the volume in mm^3."""
 
     triangles: int
     volume: float
@@ -32,18 +32,18 @@ class ExpectedSolid:
 
 
 def expect_solid(solid: Solid) -> ExpectedSolid:
-    """Return what the solid has, and the closed pores that its maker counted, if any did."""
+    """Return the properties of the solid, with the closed pores in its facts, or else counted."""
     volumes = piece_volumes(solid.vertices, solid.faces, face_pieces(solid.faces))
-    told = solid.facts.get("closed_pores")
-    closed_pores = told if isinstance(told, int) else int((volumes < 0.0).sum())
+    counted = solid.facts.get("closed_pores")
+    closed_pores = counted if isinstance(counted, int) else int((volumes < 0.0).sum())
     return ExpectedSolid(len(solid.faces), solid.volume, int((volumes > 0.0).sum()), closed_pores)
 
 
 @dataclass
 class FileVerifier:
-    """Checks what is read of the files against the mesh `written` in all, and against what the solid promised.
+    """Checks the meshes read from files against the mesh `written` to all, and against the expected solid.
 
-    What equals it to the bit has the same geometry, so that this is looked at in the first reading only.
+    A mesh equal to it to the bit has the same geometry, so geometry is checked in the first reading only.
     """
 
     written: Mesh
@@ -51,7 +51,7 @@ class FileVerifier:
     _volume: float | None = None
 
     def volume_of(self, mesh: Mesh, reader: str) -> float:
-        """Return the volume of a mesh that `reader` read, mm^3; raises `StageError` where it is not what it must be."""
+        """Return the volume of a mesh read by `reader`, mm^3; raises `StageError` if a check fails."""
         if self._volume is not None and mesh.equals(self.written):
             return self._volume
         try:
@@ -66,11 +66,11 @@ class FileVerifier:
 def require_printable(mesh: Mesh, expected: ExpectedSolid) -> float:
     """Check a mesh and return its volume, mm^3.
 
-    Raises `StageError` where it is not closed, manifold, outward and free of self-intersections, or does not hold
-    what was promised. Its vertices are distinct, or readers that merge them would find another mesh.
+    Raises `StageError` if it is not closed, manifold, outward and free of self-intersections, or is not as expected.
+    Its vertices must be distinct, as readers that merge vertices would otherwise get a different mesh.
     """
     if len(mesh.faces) != expected.triangles:
-        raise StageError(f"must hold {expected.triangles} triangles, but {len(mesh.faces)} were read back")
+        raise StageError(f"must have {expected.triangles} triangles, but {len(mesh.faces)} were read back")
     surface = SurfaceMesh(mesh.vertices.astype(np.float64), mesh.faces)
     _require_closed(surface.faces, len(surface.vertices))
     _require_manifold(surface)
@@ -86,28 +86,27 @@ def require_printable(mesh: Mesh, expected: ExpectedSolid) -> float:
 
 
 def _require_same(mesh: Mesh, written: Mesh) -> None:
-    """Check that what was read is what was written, to the bit."""
+    """Require that the mesh read is the mesh written, to the bit."""
     if mesh.equals(written):
         return
     if mesh.vertices.shape != written.vertices.shape or not np.array_equal(mesh.faces, written.faces):
-        raise StageError("must hold the solid's own triangles in their order, but others were read back")
+        raise StageError("must have the solid's triangles in their order, but others were read back")
     moved = np.abs(mesh.vertices.astype(np.float64) - written.vertices)
     raise StageError(
-        f"must hold the solid's coordinates to the bit, but {int(moved.any(axis=1).sum())} of {len(moved)} vertices "
-        f"lie elsewhere, up to {moved.max():.3g} mm"
+        f"must have the solid's coordinates to the bit, but {int(moved.any(axis=1).sum())} of {len(moved)} vertices "
+        f"differ, by up to {moved.max():.3g} mm"
     )
 
 
 def _require_closed(faces: Ints, count: int) -> None:
-    """Check that each edge has two triangles which walk it in opposite directions."""
+    """Require that each edge has two triangles, with opposite directions."""
     starts, ends = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     if collapsed := int((starts == ends).sum()):
         raise StageError(f"must have no collapsed edge, but {collapsed} are shorter than float32 holds; {_REMEDY}")
     forward, backward = np.sort(starts * count + ends), np.sort(ends * count + starts)
     if twice := int((forward[1:] == forward[:-1]).sum()):
         raise StageError(
-            f"must be manifold, but {twice} edges have more than two triangles or are walked twice in one direction; "
-            f"{_REMEDY}"
+            f"must be manifold, but {twice} edges have more than two triangles or two of the same direction; {_REMEDY}"
         )
     if not np.array_equal(forward, backward):
         single = len(np.setdiff1d(forward, backward, assume_unique=True))
@@ -115,7 +114,7 @@ def _require_closed(faces: Ints, count: int) -> None:
 
 
 def _require_manifold(surface: SurfaceMesh) -> None:
-    """Check that manifold3d takes the surface as it is, without splitting vertices where pieces only touch."""
+    """Require that manifold3d accepts the surface unchanged, without splitting vertices where pieces touch."""
     import manifold3d
 
     mesh = manifold3d.Mesh64(np.array(surface.vertices), surface.faces.astype(np.uint64))
@@ -127,9 +126,9 @@ def _require_manifold(surface: SurfaceMesh) -> None:
 
 
 def _require_shells(surface: SurfaceMesh, expected: ExpectedSolid) -> None:
-    """Check that pieces lie in void and closed pores in solid, and that there are as many as promised.
+    """Require that pieces are in void and closed pores in solid, with the expected numbers of both.
 
-    The surface does not cross itself, so that one point of a shell tells where all of it lies.
+    The surface has no self-intersections, so one point of a shell is enough to locate it.
     """
     from scaffold_geometry.surfaces.nesting import misplaced_shells
 
@@ -137,18 +136,18 @@ def _require_shells(surface: SurfaceMesh, expected: ExpectedSolid) -> None:
     volumes = piece_volumes(surface.vertices, surface.faces, shells)
     if wrong := int(misplaced_shells(surface.vertices, surface.faces, shells, volumes).sum()):
         raise StageError(
-            f"must be outward, but {wrong} of {len(volumes)} shells are inside out or lie in another's solid; {_REMEDY}"
+            f"must be outward, but {wrong} of {len(volumes)} shells are inverted or inside another's solid; {_REMEDY}"
         )
     pieces, closed_pores = int((volumes > 0.0).sum()), int((volumes < 0.0).sum())
     if (pieces, closed_pores) != (expected.pieces, expected.closed_pores):
         raise StageError(
-            f"must have pieces and closed pores as the solid, {expected.pieces} and {expected.closed_pores}, "
+            f"must have the solid's pieces and closed pores, {expected.pieces} and {expected.closed_pores}, "
             f"but has {pieces} and {closed_pores}; {_REMEDY}"
         )
 
 
 def _require_no_self_intersections(surface: SurfaceMesh) -> None:
-    """Check that no two triangles have more in common than the vertices and edge that they share."""
+    """Require that no two triangles meet beyond the vertices and edge that they share."""
     from scaffold_geometry.surfaces.self_intersections import degenerate_faces, self_intersecting_faces
 
     if flat := int(degenerate_faces(surface.vertices, surface.faces).sum()):

@@ -45,7 +45,7 @@ def write_inp(path: Path, mesh: VolumeMesh) -> None:
 
 
 def _inp_text(mesh: VolumeMesh) -> Text:
-    """Yield the input file: 17 digits give each coordinate back."""
+    """Yield the input file: 17 digits restore each coordinate exactly."""
     yield f"*HEADING\n{APPLICATION}, unit: mm\n*NODE, NSET=ALL\n"
     numbers = np.arange(1.0, len(mesh.vertices) + 1.0)
     yield from rows("%d, %.17g, %.17g, %.17g\n", np.column_stack([numbers, mesh.vertices]))
@@ -58,15 +58,15 @@ WRITERS = {"vtu": write_vtu, "inp": write_inp}
 
 
 def require_read_back(path: Path, mesh: VolumeMesh) -> None:
-    """Check that what `load_volume_mesh` reads of a file is the mesh to the bit; raises `StageError`."""
+    """Require that `load_volume_mesh` reads the mesh from the file, equal to the bit; raises `StageError`."""
     found = read_volume(path)
     if set(found.cells) != {"tetrahedron"} or not np.array_equal(found.cells["tetrahedron"], mesh.tetrahedra):
-        raise StageError("must hold the mesh's own tetrahedra in their order, but others were read back")
+        raise StageError("must have the mesh's tetrahedra in their order, but others were read back")
     if found.vertices.shape != mesh.vertices.shape:
-        raise StageError(f"must hold {len(mesh.vertices)} points, but {len(found.vertices)} were read back")
+        raise StageError(f"must have {len(mesh.vertices)} points, but {len(found.vertices)} were read back")
     if not np.array_equal(found.vertices, mesh.vertices):
         moved = np.abs(found.vertices - mesh.vertices)
         raise StageError(
-            f"must hold the mesh's coordinates to the bit, but {int(moved.any(axis=1).sum())} of {len(moved)} points "
-            f"lie elsewhere, up to {moved.max():.3g} mm"
+            f"must have the mesh's coordinates to the bit, but {int(moved.any(axis=1).sum())} of {len(moved)} points "
+            f"differ, by up to {moved.max():.3g} mm"
         )

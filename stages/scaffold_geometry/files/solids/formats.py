@@ -1,4 +1,4 @@
-"""The formats: who writes each, and the two programs that read it back."""
+"""The formats, each with its writer and the two programs that read it back."""
 
 from __future__ import annotations
 
@@ -12,11 +12,10 @@ from scaffold_geometry.files.solids.model import Mesh, Model
 
 @dataclass(frozen=True)
 class FileFormat:
-    """How to write a model to a file, and how others read it, by their names.
+    """The writer of a format, and its readers by their names.
 
-    Each file has a reader that had no part in writing it: one that comes with its writer would share what both get
-    wrong. Readers go in order, so that VTK's, which end the process on a file that is cut off, see only what another
-    has found whole.
+    At least one reader is independent of the writer, as a writer and reader of one library can share an error. VTK's
+    readers are last, as they end the process on a file that is cut off: another reader has then found it complete.
     """
 
     write: Callable[[Path, Model], None]

@@ -1,7 +1,7 @@
 """Binary glTF 2.0 (Khronos, "glTF 2.0 specification"): a scene in metres with y up, as the format defines both.
 
-The stored positions are those of the other files, mm in the input's axes to the bit; the matrix of the one node takes
-them to metres and turns z up. A reader that applies it in float32 rounds once more.
+The stored positions are the same as in the other files, mm in the input's axes, to the bit; the matrix of the single
+node converts them to metres with y up. A reader that applies it in float32 rounds once more.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def write(path: Path, model: Model) -> None:
 
 
 def _complete(model: Model, tree: dict[str, Any]) -> None:
-    """Put into the JSON of a file what trimesh has no place or not enough digits for."""
+    """Add to the JSON of a file what trimesh does not write, or writes with too few digits."""
     extras = {**model.notes, "note": "positions are mm in the input's axes; the node's matrix gives metres, y up"}
     tree["asset"] |= {"generator": APPLICATION, "extras": extras}
     tree["scenes"][0]["name"] = tree["nodes"][0]["name"] = model.title
@@ -47,14 +47,14 @@ def _complete(model: Model, tree: dict[str, Any]) -> None:
 
 
 def _linear(colour: str) -> list[float]:
-    """Return red, green, blue and alpha in the linear light that glTF asks for (IEC 61966-2-1)."""
+    """Return red, green, blue and alpha in linear light, as glTF requires (IEC 61966-2-1)."""
     shares = [int(colour[start : start + 2], 16) / 255.0 for start in (1, 3, 5)]
     linear = [s / 12.92 if s <= 0.04045 else ((s + 0.055) / 1.055) ** 2.4 for s in shares]
     return [*(round(share, 6) for share in linear), 1.0]
 
 
 def read_by_trimesh(path: Path) -> Mesh:
-    """Return what trimesh reads, before the node's matrix, which must be the one to metres."""
+    """Return the mesh read by trimesh, without the node's matrix, which must be the one to metres."""
     import trimesh
 
     with reading("GLB", "trimesh"):
@@ -62,12 +62,12 @@ def read_by_trimesh(path: Path) -> Mesh:
         (node,) = scene.graph.nodes_geometry
         matrix, name = scene.graph[node]
         if not np.array_equal(matrix, TO_METRES_Y_UP):
-            raise StageError(f"must be placed in metres with y up, but its node's matrix is {matrix.tolist()}")
+            raise StageError(f"must be in metres with y up, but its node's matrix is {matrix.tolist()}")
         return mesh_as_read(scene.geometry[name].vertices, scene.geometry[name].faces)
 
 
 def read_by_vtk(path: Path) -> Mesh:
-    """Return what VTK reads, before the node's matrix."""
+    """Return the mesh read by VTK, without the node's matrix."""
     from vtkmodules.vtkIOGeometry import vtkGLTFReader
 
     with reading("GLB", "VTK"):

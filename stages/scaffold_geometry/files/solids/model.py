@@ -1,4 +1,4 @@
-"""What goes into a file, and what comes out of one."""
+"""The content of a file to write, and the mesh read from a file."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ Text: TypeAlias = Iterator[str]
 
 
 class Mesh(NamedTuple):
-    """Vertices (n, 3) float32, mm, and faces (m, 3) as a file numbers them."""
+    """Vertices (n, 3) float32, mm, and faces (m, 3), in the order of a file."""
 
     vertices: Singles
     faces: Ints
 
     def equals(self, other: Mesh) -> bool:
-        """Return whether both hold the same numbers in the same order."""
+        """Return whether both have the same numbers in the same order."""
         return np.array_equal(self.vertices, other.vertices) and np.array_equal(self.faces, other.faces)
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A mesh with its title, its colour as "#RRGGBB", and the hash of the configuration it comes from."""
+    """A mesh with its title, its colour as "#RRGGBB", and the hash of its configuration."""
 
     mesh: Mesh
     title: str
@@ -42,7 +42,7 @@ class Model:
 
     @property
     def notes(self) -> dict[str, str]:
-        """What a format without metadata of its own has as comments, all ASCII."""
+        """Comments for a format without metadata, all ASCII."""
         notes = {"application": APPLICATION, "unit": "mm"}
         return notes if self.config_hash is None else {**notes, "config_sha256": self.config_hash}
 
@@ -54,12 +54,12 @@ def mesh_of_corners(corners: NDArray[np.floating]) -> Mesh:
 
 
 def mesh_as_read(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> Mesh:
-    """Return what a reader found; raises `StageError` where a coordinate is not finite in float32."""
+    """Return the mesh from a reader's arrays; raises `StageError` if a coordinate is not finite in float32."""
     return Mesh(to_single(np.asarray(vertices)), np.asarray(faces, np.int64))
 
 
 def rows(row: str, table: NDArray[Any]) -> Text:
-    """Yield the rows of a table as text, many at once."""
+    """Yield the rows of a table as text, many rows at a time."""
     for start in range(0, len(table), _ROWS_AT_ONCE):
         part = table[start : start + _ROWS_AT_ONCE]
         yield (row * len(part)) % tuple(part.reshape(-1).tolist())

@@ -1,4 +1,4 @@
-"""Wavefront OBJ: text, nine digits for each float32 to come back to the bit; no unit but a comment."""
+"""Wavefront OBJ: text; nine digits restore each float32 exactly; the unit is in a comment."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scaffold_geometry.files.solids.readers import mesh_by_trimesh, mesh_by_vtk
 
 
 def write(path: Path, model: Model) -> None:
-    """Write the model as OBJ; trimesh's writer keeps eight decimals, too few near the origin."""
+    """Write the model as OBJ, not by trimesh, which writes eight decimals, too few near the origin."""
     with path.open("w", encoding="ascii", newline="\n") as stream:
         stream.writelines(_text(model))
 
@@ -23,12 +23,12 @@ def _text(model: Model) -> Text:
 
 
 def read_by_trimesh(path: Path) -> Mesh:
-    """Return what trimesh reads."""
+    """Return the mesh read by trimesh."""
     return mesh_by_trimesh(path, "OBJ")
 
 
 def read_by_vtk(path: Path) -> Mesh:
-    """Return what VTK reads."""
+    """Return the mesh read by VTK."""
     from vtkmodules.vtkIOGeometry import vtkOBJReader
 
     return mesh_by_vtk(vtkOBJReader(), path, "OBJ")

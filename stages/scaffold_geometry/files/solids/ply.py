@@ -1,4 +1,4 @@
-"""PLY: binary, little-endian, float32; no unit but a comment (Turk, "The PLY polygon file format", 1994)."""
+"""PLY: binary, little-endian, float32; the unit is in a comment (Turk, "The PLY polygon file format", 1994)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _FACE = np.dtype([("count", "u1"), ("corners", "<i4", 3)])
 
 
 def write(path: Path, model: Model) -> None:
-    """Write the model as PLY; trimesh's writer has no place for the unit and the configuration's hash."""
+    """Write the model as PLY, not by trimesh, which writes no comments for the unit and the configuration's hash."""
     vertices, faces = model.mesh
     comments = [f"comment {name}: {value}" for name, value in model.notes.items()]
     header = [
@@ -30,12 +30,12 @@ def write(path: Path, model: Model) -> None:
 
 
 def read_by_trimesh(path: Path) -> Mesh:
-    """Return what trimesh reads."""
+    """Return the mesh read by trimesh."""
     return mesh_by_trimesh(path, "PLY")
 
 
 def read_by_vtk(path: Path) -> Mesh:
-    """Return what VTK reads."""
+    """Return the mesh read by VTK."""
     from vtkmodules.vtkIOPLY import vtkPLYReader
 
     return mesh_by_vtk(vtkPLYReader(), path, "PLY")

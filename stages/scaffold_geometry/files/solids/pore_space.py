@@ -1,4 +1,4 @@
-"""The pore space as a body of its own: what of the outer shape is not solid."""
+"""The pore space as a body: the outer shape without the solid."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from scaffold_pipeline.artifacts import OuterShape, Solid
 from scaffold_pipeline.errors import StageError
 
 INSETS = (4, 16, 64)
-"""How far the pore space ends below the outer shape, in steps of float32 at its farthest vertex, see `pore_space`."""
+"""Distance of the pore space from the outer shape, in float32 steps at its farthest vertex, see `pore_space`."""
 
 
 class PoreSpace(NamedTuple):
-    """The pore space, and how far below the outer shape its mouths end, mm."""
+    """The pore space, and the distance of its openings below the outer shape, mm."""
 
     body: Solid
     inset: float
 
 
 def pore_space(outer: OuterShape, solid: Solid) -> PoreSpace:
-    """Return the outer shape without the solid, all pieces of it, exact in float32.
+    """Return the outer shape without the solid, with all its pieces, exact in float32.
 
-    The solid lies on the outer facets but for the rounding of its vertices: cut at the facets themselves, the pore
-    space had films of that thickness, which no file holds. It is cut a few roundings below them. Raises `StageError`
-    where nothing is left, it cannot be rounded, or it and the solid do not fill the outer shape.
+    The solid is on the outer facets except for the rounding of its vertices. A cut at the facets would leave films of
+    that thickness, so the cut is a few roundings below them. Raises `StageError` if nothing is left, it cannot be
+    rounded, or the pore space and the solid do not fill the outer shape.
     """
     from igl import per_vertex_normals
 

@@ -1,4 +1,4 @@
-"""Other people's readers: their failures as one `StageError`, their meshes as arrays."""
+"""Readers of other libraries: their failures as `StageError`, their meshes as arrays."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TRIANGLE = 3
 
 @contextmanager
 def reading(kind: str, reader: str) -> Iterator[None]:
-    """Turn what a reader raises into a `StageError` that names it."""
+    """Convert errors of a reader to a `StageError` with its name."""
     try:
         yield
     except StageError:
@@ -28,7 +28,7 @@ def reading(kind: str, reader: str) -> Iterator[None]:
 
 
 def mesh_by_trimesh(path: Path, kind: str) -> Mesh:
-    """Return the one mesh that trimesh finds in a file of format `kind`, as it is numbered there."""
+    """Return the one mesh that trimesh reads from a file of format `kind`, in the order of the file."""
     import trimesh
 
     with reading(kind, "trimesh"):
@@ -37,7 +37,7 @@ def mesh_by_trimesh(path: Path, kind: str) -> Mesh:
 
 
 def mesh_by_vtk(reader: Any, path: Path, kind: str) -> Mesh:  # noqa: ANN401 - VTK's types are unknown to mypy
-    """Return what a reader of VTK finds in a file of format `kind`."""
+    """Return the mesh that a reader of VTK reads from a file of format `kind`."""
     with reading(kind, "VTK"):
         reader.SetFileName(str(path))
         reader.Update()
@@ -50,6 +50,6 @@ def mesh_of_polydata(polydata: Any, kind: str) -> Mesh:  # noqa: ANN401
 
     cells = polydata.GetPolys()
     if not polydata.GetNumberOfPoints() or cells.IsHomogeneous() != TRIANGLE:
-        raise StageError(f"must be valid {kind} of triangles, but VTK finds none or others too")
+        raise StageError(f"must be valid {kind} with triangles only, but VTK finds none, or other cells")
     points = vtk_to_numpy(polydata.GetPoints().GetData())
     return mesh_as_read(points, vtk_to_numpy(cells.GetConnectivityArray()).reshape(-1, TRIANGLE).astype(np.int64))

@@ -1,4 +1,4 @@
-"""Binary STL: float32 triangles, no unit but the header's word for it."""
+"""Binary STL: float32 triangles; the unit is only in the header text."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def write(path: Path, model: Model) -> None:
 
 
 def read_by_trimesh(path: Path) -> Mesh:
-    """Return what trimesh reads, corners of equal coordinates merged."""
+    """Return the mesh read by trimesh, with corners of equal coordinates merged."""
     from trimesh.exchange.stl import load_stl_binary
 
     with reading("STL", "trimesh"), path.open("rb") as stream:
@@ -24,7 +24,7 @@ def read_by_trimesh(path: Path) -> Mesh:
 
 
 def read_by_vtk(path: Path) -> Mesh:
-    """Return what VTK reads, corners of equal coordinates merged."""
+    """Return the mesh read by VTK, with corners of equal coordinates merged."""
     from vtkmodules.vtkIOGeometry import vtkSTLReader
 
     reader = vtkSTLReader()

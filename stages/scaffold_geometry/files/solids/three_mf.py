@@ -1,8 +1,8 @@
 """3MF: unit, title, configuration and colour (3MF Core Specification 1.3).
 
-Written here and not by lib3mf: its writer multiplies coordinates in float32, so that they come back up to one step
-off, and it gives new UUIDs each time. lib3mf reads the file back, in its strict mode. The second reader is expat, as
-trimesh's takes 2 GB for a million triangles.
+Not written by lib3mf, whose writer multiplies coordinates in float32, an error of up to one step, and writes new UUIDs
+each time. lib3mf reads the file back in its strict mode. The second reader is expat, as trimesh needs 2 GB for a
+million triangles.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def write(path: Path, model: Model) -> None:
 
 
 def _text(model: Model) -> Text:
-    """Yield the XML of the model: nine digits give each float32 back."""
+    """Yield the XML of the model: nine digits restore each float32 exactly."""
     yield (
         f'<?xml version="1.0" encoding="UTF-8"?>\n<model unit="millimeter" xml:lang="en" xmlns="{_CORE}" '
         f'xmlns:scaffold="{_NAMESPACE}">\n'
@@ -73,7 +73,7 @@ def _text(model: Model) -> Text:
 
 
 def read_by_lib3mf(path: Path) -> Mesh:
-    """Return what lib3mf reads in its strict mode; checks the unit, and that it finds the mesh manifold."""
+    """Return the mesh read by lib3mf in its strict mode; checks the unit, and that lib3mf finds the mesh manifold."""
     import lib3mf
 
     model = lib3mf.get_wrapper().CreateModel()
@@ -83,7 +83,7 @@ def read_by_lib3mf(path: Path) -> Mesh:
         reader.ReadFromFile(str(path))
     objects = model.GetMeshObjects()
     if model.GetUnit() != lib3mf.ModelUnit.MilliMeter or objects.Count() != 1 or not objects.MoveNext():
-        raise StageError(f"must hold one object in mm, but holds {objects.Count()} in {model.GetUnit().name}")
+        raise StageError(f"must have one object in mm, but has {objects.Count()} in {model.GetUnit().name}")
     mesh = objects.GetCurrentMeshObject()
     if not mesh.IsManifoldAndOriented():
         raise StageError("must be manifold and oriented, but lib3mf says it is not; write what intersect_outer makes")
@@ -93,7 +93,7 @@ def read_by_lib3mf(path: Path) -> Mesh:
 def _arrays(mesh: Any) -> tuple[Singles, NDArray[np.uint32]]:  # noqa: ANN401 - lib3mf ships no types
     """Return the vertices and faces of lib3mf's mesh, filled by its C functions.
 
-    Its Python functions make an object of every vertex and triangle, gigabytes for a fine solid.
+    Its Python functions create an object for every vertex and triangle, gigabytes for a fine solid.
     """
     import lib3mf
 
@@ -110,7 +110,7 @@ def _arrays(mesh: Any) -> tuple[Singles, NDArray[np.uint32]]:  # noqa: ANN401 - 
 
 
 def read_by_expat(path: Path) -> Mesh:
-    """Return what stands in the XML, element by element."""
+    """Return the mesh in the XML, read element by element."""
     places, corners = array("d"), array("q")
 
     def take(tag: str, attributes: dict[str, str]) -> None:

@@ -1,4 +1,4 @@
-"""A solid to a file that is known to hold it: rounded once, written, read back by others and compared."""
+"""Write a solid to a verified file: rounded once, written, read back by other programs and compared."""
 
 from __future__ import annotations
 
@@ -15,36 +15,36 @@ from scaffold_pipeline.errors import StageError, warn
 
 
 def round_to_float32(solid: Solid) -> Mesh:
-    """Return the mesh as all files hold it, float32 and merged by equal coordinates; a warning where that moves it."""
+    """Return the mesh for all files, in float32, with equal vertices merged; warns if rounding moves vertices."""
     single = to_single(solid.vertices)
     moved = np.abs(single - solid.vertices)
     if moved.any():
         warn(
             f"solid: {int(moved.any(axis=1).sum())} of {len(moved)} vertices are not exact in float32; in the files "
-            f"they lie up to {moved.max():.2g} mm off"
+            f"they are moved by up to {moved.max():.2g} mm"
         )
     return mesh_of_corners(single[solid.faces])
 
 
 def write_verified(path: Path, file_format: FileFormat, model: Model, verifier: FileVerifier) -> float:
-    """Write a file, have each of the format's readers read it, and return the volume that it holds, mm^3.
+    """Write a file, read it with each of the format's readers, and return its volume, mm^3.
 
     Parameters
     ----------
     path
         The file to write.
     file_format
-        How it is written, and the two programs or more that read it back. `formats.FORMATS` has ours.
+        Its writer, and the readers of two or more programs, as in `formats.FORMATS`.
     model
-        What goes into the file: the mesh of `round_to_float32`, a title, a colour.
+        The content of the file: the mesh of `round_to_float32`, a title, a colour.
     verifier
-        What each reading is compared with. One verifier for all files of a solid looks for self-intersections once.
+        The checks of each mesh read. One verifier for all files of a solid searches for self-intersections once.
 
     Raises
     ------
     StageError
-        With the file's name, where a reader fails, or what it read is not closed, manifold, outward, free of
-        self-intersections and to the bit the model's mesh, or has another volume, other pieces or closed pores.
+        A reader fails, or the mesh is not closed, manifold, outward, free of self-intersections and equal to the
+        model's to the bit, or has another volume, other pieces or closed pores; the error names the file.
     """
     try:
         file_format.write(path, model)

@@ -1,1 +1,1 @@
-"""Surfaces as users' programs write them, one module a format; `reading` opens a file by its suffix."""
+"""Readers of surface files, one module for each format; `reading` selects one by the suffix."""

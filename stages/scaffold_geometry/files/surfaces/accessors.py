@@ -14,11 +14,11 @@ from scaffold_pipeline.errors import StageError
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _MOST = 2**31
-"""Rows of an accessor that has no bytes of its own; more would only fill the memory."""
+"""Most rows of an accessor without bytes; more would only fill the memory."""
 
 
 class Accessors:
-    """What the accessors of one file hold; all numbers are checked against the bytes that are there."""
+    """The accessors of one file; their sizes are checked against the available bytes."""
 
     def __init__(self, gltf: dict[str, Any], buffers: list[bytes], name: str) -> None:
         self._accessors: list[dict[str, Any]] = gltf.get("accessors", [])
@@ -34,12 +34,12 @@ class Accessors:
         return values
 
     def is_coded(self, number: int) -> bool:
-        """Return whether accessor `number` holds whole numbers that are no lengths by themselves."""
+        """Return whether accessor `number` has integers, which are not lengths by themselves."""
         accessor = self._accessors[number]
         return bool(np.dtype(_COMPONENTS[accessor["componentType"]]).kind in "iu" and not accessor.get("normalized"))
 
     def indices(self, number: int) -> Ints:
-        """Return the whole numbers of accessor `number`, (count,)."""
+        """Return the integers of accessor `number`, (count,)."""
         raw = self._rows(number)
         if raw.dtype.kind not in "iu" or raw.shape[1] != 1:
             raise StageError(f"{self._name}: corners of faces must be single whole numbers; {AGAIN}")
@@ -63,7 +63,7 @@ class Accessors:
         return self._with_sparse(rows, accessor["sparse"]) if "sparse" in accessor else rows
 
     def _with_sparse(self, rows: NDArray[Any], sparse: dict[str, Any]) -> NDArray[Any]:
-        """Return rows with those replaced that a sparse accessor gives anew."""
+        """Return rows with the replacements of a sparse accessor."""
         at, new, count = sparse["indices"], sparse["values"], sparse["count"]
         kind = np.dtype(_COMPONENTS[at["componentType"]])
         places = self._view(at["bufferView"], at.get("byteOffset", 0), kind, 1, count)[:, 0].astype(np.int64)
@@ -84,7 +84,7 @@ class Accessors:
         end = start + view["byteLength"]
         if packed and end > len(buffer):
             raise StageError(
-                f"{self._name}: a mesh is compressed by {packed[0]}, which is not read; export it as plain triangles"
+                f"{self._name}: a mesh is compressed by {packed[0]}, not supported; export it as plain triangles"
             )
         needed = offset + stride * (count - 1) + kind.itemsize * width if count else 0
         if min(start, offset, count) < 0 or stride < kind.itemsize * width or start + needed > min(end, len(buffer)):

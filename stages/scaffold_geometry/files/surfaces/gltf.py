@@ -1,7 +1,7 @@
-"""glTF 2.0 (Khronos, "glTF 2.0 specification", 2021), as one binary file (.glb) or as JSON with its numbers inside.
+"""glTF 2.0 (Khronos, "glTF 2.0 specification", 2021), as one binary file (.glb) or as JSON with embedded numbers.
 
-A scene in metres with y up. Read here: trimesh takes normalised integers as they are, passes over instances, and
-answers compressed meshes with empty ones. What changes the shape and is not read is refused by its name.
+A scene in metres with y up. Not read by trimesh, which does not scale normalised integers, ignores instances, and
+returns empty meshes for compressed ones. Unsupported content that affects the shape is refused by its name.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Json = dict[str, Any]
 
 _READ = frozenset({"KHR_mesh_quantization", "EXT_mesh_gpu_instancing", "KHR_node_visibility"})
 _OF_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_", "EXT_lights_", "KHR_xmp")
-"""Beginnings of extensions that have to do with looks alone."""
+"""Prefixes of extensions that affect only the appearance."""
 _DRACO = "KHR_draco_mesh_compression"
 _MODES = {4: lambda row: row.reshape(-1, 3), 5: split_strip, 6: split_fan}
 _MODE_NAMES = ("points", "lines", "line loops", "line strips")
 _DEEPEST = 200
-"""Nodes below each other; more is a circle."""
+"""Most levels of nested nodes; more means a cycle."""
 _AS_TRIANGLES = "export it as plain triangles"
 
 
@@ -42,25 +42,25 @@ def read_gltf(path: Path) -> Polygons:
         gltf = json.loads(document.decode("utf-8-sig"))
     except ValueError as error:
         raise StageError(
-            f"{path.name}: cannot be read as {path.suffix[1:].upper()}: its JSON is none; {AGAIN}"
+            f"{path.name}: cannot be read as {path.suffix[1:].upper()}: its JSON is invalid; {AGAIN}"
         ) from error
     try:
         return _Scene(gltf, binary, path.name).polygons()
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        said = " ".join(str(error).split())[:80]
+        reason = " ".join(str(error).split())[:80]
         raise StageError(
-            f"{path.name}: cannot be read as {path.suffix[1:].upper()}: its JSON names what it does not hold "
-            f"({said}); {AGAIN}"
+            f"{path.name}: cannot be read as {path.suffix[1:].upper()}: its JSON refers to missing content "
+            f"({reason}); {AGAIN}"
         ) from error
 
 
 def _glb_chunks(content: bytes, name: str) -> tuple[bytes, bytes]:
-    """Return the JSON and the numbers of a GLB."""
+    """Return the JSON and the binary chunk of a GLB."""
     if len(content) < 20 or struct.unpack_from("<I", content, 4) != (2,):  # header and chunk header, in bytes
         raise StageError(f"{name}: cannot be read as GLB: its header is not that of version 2; {AGAIN}")
     (length,) = struct.unpack_from("<I", content, 8)
     if length > len(content):
-        raise StageError(f"{name}: announces {length} bytes, but {len(content)} are there: it is cut off; {AGAIN}")
+        raise StageError(f"{name}: announces {length} bytes, but has {len(content)}: it is cut off; {AGAIN}")
     chunks: dict[bytes, bytes] = {}
     at = 12
     while at + 8 <= length:
@@ -75,7 +75,7 @@ def _glb_chunks(content: bytes, name: str) -> tuple[bytes, bytes]:
 
 
 class _Scene:
-    """The scene of a file: what its nodes place where."""
+    """The scene of a file: its nodes with their transforms."""
 
     def __init__(self, gltf: Json, binary: bytes, name: str) -> None:
         if not isinstance(gltf, dict) or "asset" not in gltf:
@@ -102,7 +102,7 @@ class _Scene:
         unknown = [name for name in required if name not in _READ and not str(name).startswith(_OF_LOOKS)]
         if unknown:
             names = ", ".join(map(str, unknown))
-            raise StageError(f"{self._name}: requires the extension {names}, which is not read; {_AS_TRIANGLES}")
+            raise StageError(f"{self._name}: requires the extension {names}, which is not supported; {_AS_TRIANGLES}")
 
     def _roots(self) -> list[int]:
         scenes = self._gltf.get("scenes", [])
@@ -114,7 +114,7 @@ class _Scene:
 
     def _walk(self, number: int, above: Floats, depth: int, placed: list[Placed]) -> None:
         if depth > _DEEPEST:
-            raise StageError(f"{self._name}: its nodes lie in each other in a circle; {AGAIN}")
+            raise StageError(f"{self._name}: its nodes contain each other in a cycle; {AGAIN}")
         node = _item(self._gltf["nodes"], number)
         if not node.get("extensions", {}).get("KHR_node_visibility", {}).get("visible", True):
             self._left_out.append("left out what the file marks as hidden (KHR_node_visibility)")
@@ -122,7 +122,9 @@ class _Scene:
         matrix = above @ _matrix(node)
         if "mesh" in node:
             if "skin" in node:
-                raise StageError(f"{self._name}: a mesh is moved by a skin (bones), which is not read; {_AS_TRIANGLES}")
+                raise StageError(
+                    f"{self._name}: a mesh is deformed by a skin (bones), which is not supported; {_AS_TRIANGLES}"
+                )
             vertices, faces = self._mesh(node["mesh"])
             is_coded = node["mesh"] in self._coded
             placed += [Placed(vertices, faces, matrix @ instance, is_coded) for instance in self._instances(node)]
@@ -130,7 +132,7 @@ class _Scene:
             self._walk(child, matrix, depth + 1, placed)
 
     def _instances(self, node: Json) -> list[Floats]:
-        """Return the matrices of a node's instances; one that moves nothing where it has none."""
+        """Return the matrices of a node's instances; the identity if it has none."""
         instancing = node.get("extensions", {}).get("EXT_mesh_gpu_instancing")
         if instancing is None:
             return [np.eye(4)]
@@ -140,13 +142,15 @@ class _Scene:
             if key in instancing["attributes"]
         }
         if len({len(column) for column in columns.values()}) != 1:
-            raise StageError(f"{self._name}: its instances have no place, or not as many as turns and sizes; {AGAIN}")
+            raise StageError(
+                f"{self._name}: its instances have no translations, or not as many as rotations and scales; {AGAIN}"
+            )
         names = {"TRANSLATION": "translation", "ROTATION": "rotation", "SCALE": "scale"}
         count = len(next(iter(columns.values())))
         return [_matrix({names[key]: column[k] for key, column in columns.items()}) for k in range(count)]
 
     def _mesh(self, number: int) -> tuple[Floats, Ints]:
-        """Return the vertices and triangles of all parts of a mesh."""
+        """Return the vertices and triangles of all primitives of a mesh."""
         if number not in self._meshes:
             primitives = _item(self._gltf["meshes"], number)["primitives"]
             parts = [self._primitive(part) for part in primitives]
@@ -169,23 +173,23 @@ class _Scene:
         mode = primitive.get("mode", 4)  # triangles
         nothing = np.empty((0, 3)), np.empty((0, 3), np.int64)
         if mode not in _MODES:
-            self._left_out.append(f"left out {_MODE_NAMES[mode]}, which bound nothing")
+            self._left_out.append(f"left out {_MODE_NAMES[mode]}, which are not surfaces")
             return nothing
         if primitive.get("targets"):
-            raise StageError(f"{self._name}: a mesh has morph targets, which are not read; {_AS_TRIANGLES}")
+            raise StageError(f"{self._name}: a mesh has morph targets, which are not supported; {_AS_TRIANGLES}")
         attributes = primitive.get("attributes", {})
         if "POSITION" not in attributes:
-            self._left_out.append("left out a mesh without places")
+            self._left_out.append("left out a mesh without positions")
             return nothing
         is_draco = _DRACO in primitive.get("extensions", {})
         if is_draco and "bufferView" not in _item(self._gltf["accessors"], attributes["POSITION"]):
-            raise StageError(f"{self._name}: a mesh is compressed by {_DRACO}, which is not read; {_AS_TRIANGLES}")
+            raise StageError(f"{self._name}: a mesh is compressed by {_DRACO}, which is not supported; {_AS_TRIANGLES}")
         vertices = self._accessors.values(attributes["POSITION"])
         if vertices.shape[1] != 3:  # x, y, z
-            raise StageError(f"{self._name}: its places have {vertices.shape[1]} coordinates, must have 3; {AGAIN}")
+            raise StageError(f"{self._name}: its positions have {vertices.shape[1]} coordinates, must have 3; {AGAIN}")
         row = self._accessors.indices(primitive["indices"]) if "indices" in primitive else np.arange(len(vertices))
         if mode == 4 and len(row) % 3:
-            raise StageError(f"{self._name}: {len(row)} corners of triangles are no multiple of 3; {AGAIN}")
+            raise StageError(f"{self._name}: {len(row)} corners of triangles are not a multiple of 3; {AGAIN}")
         if len(row) and (row.min() < 0 or row.max() >= len(vertices)):
             raise StageError(
                 f"{self._name}: faces name vertices {row.min()}..{row.max()}, but those of the mesh are "
@@ -195,14 +199,14 @@ class _Scene:
 
 
 def _item(rows: list[Any], number: int) -> Json:
-    """Return an item by its number; one below 0 names nothing."""
+    """Return an item by its number, which must be 0 or more."""
     if not isinstance(number, int) or number < 0:
-        raise IndexError(f"{number!r} names nothing")
+        raise IndexError(f"{number!r} is not an index")
     return dict(rows[number])
 
 
 def _buffer(buffer: Json, binary: bytes, name: str) -> bytes:
-    """Return the bytes of a buffer; those of another file are not among what a run's record vouches for."""
+    """Return the bytes of a buffer, which must be in the file itself, as the run's record has only its hash."""
     uri = buffer.get("uri")
     if uri is None:
         content = binary
@@ -212,14 +216,12 @@ def _buffer(buffer: Json, binary: bytes, name: str) -> bytes:
         raise StageError(f"{name}: keeps its numbers in another file ({str(uri)[:60]}); export it as one file, .glb")
     is_fallback = any("meshopt" in key for key in buffer.get("extensions", {}))
     if len(content) < buffer["byteLength"] and not is_fallback:
-        raise StageError(
-            f"{name}: announces {buffer['byteLength']} bytes of numbers, but {len(content)} follow; {AGAIN}"
-        )
+        raise StageError(f"{name}: announces {buffer['byteLength']} bytes of numbers, but has {len(content)}; {AGAIN}")
     return content
 
 
 def _matrix(node: Json) -> Floats:
-    """Return the matrix of a node: its own, or that of its scale, rotation and translation in this order."""
+    """Return the matrix of a node: as given, or from its scale, rotation and translation in this order."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     matrix = np.eye(4)

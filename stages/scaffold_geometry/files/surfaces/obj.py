@@ -1,4 +1,4 @@
-"""Wavefront OBJ: vertices and polygons; normals, textures and groups are passed over."""
+"""Wavefront OBJ: vertices and polygons; normals, textures and groups are ignored."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scaffold_geometry.files.text import AGAIN, quote, read_text, rows_to_number
 from scaffold_pipeline.errors import StageError
 
 _CURVED = frozenset({b"surf", b"curv", b"curv2", b"cstype"})
-"""Free-form curves and surfaces, which are no polygons."""
+"""Free-form curves and surfaces, which are not polygons."""
 
 
 def read_obj(path: Path) -> Polygons:
@@ -32,7 +32,7 @@ def read_obj(path: Path) -> Polygons:
             sizes.append(len(face))
         elif words and words[0] in _CURVED:
             raise StageError(
-                f"{path.name}:{number}: holds curved surfaces ({words[0].decode()}), which are not read; "
+                f"{path.name}:{number}: has curved surfaces ({words[0].decode()}), which are not supported; "
                 "export it as polygons"
             )
     places = rows_to_numbers(vertices, text, path.name)
@@ -40,7 +40,7 @@ def read_obj(path: Path) -> Polygons:
 
 
 def _index(word: bytes, count: int, path: Path, line: int) -> int:
-    """Return the vertex, from 0, that a face's `3/1/2` or `-1` names; OBJ counts from 1, or backwards."""
+    """Return the vertex, from 0, of a face's `3/1/2` or `-1`; OBJ counts from 1, or backwards from the last."""
     try:
         index = int(word.partition(b"/")[0])
     except ValueError:

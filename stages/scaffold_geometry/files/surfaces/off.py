@@ -1,4 +1,4 @@
-"""OFF as text, with normals, colours and texture coordinates behind the places (Geomview's manual, "OFF")."""
+"""OFF as text; normals, colours and texture coordinates after the positions are ignored (Geomview's manual, "OFF")."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from scaffold_geometry.files.text import AGAIN, read_text, rows_to_numbers
 from scaffold_pipeline.errors import StageError
 
 _HEADER = re.compile(rb"(?:ST)?C?N?OFF(\d*)", re.IGNORECASE)
-"""Some programs write the first count against the word: `OFF490 518 0`."""
+"""Some programs write no space after the keyword: `OFF490 518 0`."""
 _OTHER_SPACE = re.compile(rb"(?:ST)?C?N?(?:4n?|n)OFF")
-"""A 4 stands for four coordinates, a small n for a number of them that follows."""
+"""4 means four coordinates; n means that their number follows."""
 
 
 class _Row(NamedTuple):
@@ -39,7 +39,7 @@ def read_off(path: Path) -> Polygons:
             )
         faces = [[int(word) for word in row.words[: int(row.words[0]) + 1]] for row in body[n_vertices:]]
     except ValueError as error:
-        raise StageError(f"{path.name}: a count or an index of its OFF is no whole number; {AGAIN}") from error
+        raise StageError(f"{path.name}: a count or index is not a whole number; {AGAIN}") from error
     if any(not face or len(face) != face[0] + 1 or face[0] < 3 for face in faces):  # corners of a triangle
         raise StageError(f"{path.name}: a face has fewer corners than it announces, or fewer than 3; {AGAIN}")
     vertices = [first_three(row.words, path.name, row.line) for row in body[:n_vertices]]
@@ -50,18 +50,16 @@ def read_off(path: Path) -> Polygons:
 
 
 def _counts(rows: Iterator[_Row], name: str) -> list[bytes]:
-    """Return the words of the counts, after a header of any kind or without one."""
+    """Return the words of the counts, which may have a header of any kind."""
     first = next(rows, _Row(1, [b""])).words
     header = _HEADER.fullmatch(first[0])
     if header and b"BINARY" in [word.upper() for word in first]:
-        raise StageError(f"{name}: is not an ASCII OFF file, but a binary one; export it as text, or as PLY or STL")
+        raise StageError(f"{name}: is a binary OFF file, which is not supported; export it as text, or as PLY or STL")
     if _OTHER_SPACE.fullmatch(first[0]):
-        raise StageError(
-            f"{name}: its vertices are of another space than three ({first[0].decode()}); export it in x, y, z"
-        )
+        raise StageError(f"{name}: its vertices are not in 3-D ({first[0].decode()}); export it in x, y, z")
     if header:
         return [word for word in (header[1], *first[1:]) if word] or next(rows, _Row(1, [])).words
-    if len(first) in (2, 3) and all(word.isdigit() for word in first):  # the word may be left out
+    if len(first) in (2, 3) and all(word.isdigit() for word in first):  # the keyword is optional
         return first
     raise StageError(f"{name}: is not an ASCII OFF file (no `OFF` in its first line); {AGAIN}")
 

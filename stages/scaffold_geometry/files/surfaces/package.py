@@ -1,4 +1,4 @@
-"""What a 3MF package says about itself before any of its meshes is read: start part, extensions, slicer's volumes."""
+"""Checks of a 3MF package before its meshes are read: start part, extensions, slicer's volumes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _READ = (
     "http://schemas.microsoft.com/3dmanufacturing/material/",
     "http://schemas.microsoft.com/3dmanufacturing/production/",
 )
-"""Beginnings of the namespaces that are read, or that have to do with looks alone."""
+"""Prefixes of namespaces that are supported, or that affect only the appearance."""
 _NAMES = {
     "beamlattice": "beam lattice",
     "slice": "slice",
@@ -33,7 +33,7 @@ _NAMES = {
 }
 _UNITS = frozenset({"micron", "millimeter", "centimeter", "inch", "foot", "meter"})
 _WHOLE = frozenset({"ModelPart", "normal_part"})
-"""What slicers call the volumes that are body."""
+"""Names that slicers give to volumes of the body."""
 _START_TYPE = "http://schemas.microsoft.com/3dmanufacturing/2013/01/3dmodel"
 _RELATIONS = "_rels/.rels"
 _CONTENT_TYPES = "[Content_Types].xml"
@@ -46,10 +46,10 @@ _DAMAGE = (
     *(zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, NotImplementedError, RuntimeError, EOFError),
     *(OSError, ValueError, KeyError, OverflowError),
 )
-"""What Python's reader of ZIP archives raises on damaged ones."""
+"""Errors of Python's ZIP reader for damaged archives."""
 _CHUNK = 1 << 16
 _LARGEST_SETTINGS = 1 << 26
-"""Bytes of a slicer's settings, a thousand times what they are: an archive can unfold to any size."""
+"""Most bytes of a slicer's settings, a thousand times their usual size: a small archive can expand to any size."""
 
 
 class _Element(NamedTuple):
@@ -58,7 +58,7 @@ class _Element(NamedTuple):
 
 
 def require_readable(path: Path) -> None:
-    """Require that a 3MF file has a start part and that nothing of it that makes the shape goes unread."""
+    """Require that a 3MF file has a start part, and no unsupported content that affects the shape."""
     try:
         with zipfile.ZipFile(path) as package:
             _require_start(package, path.name)
@@ -68,16 +68,16 @@ def require_readable(path: Path) -> None:
                 elif member.lower().startswith("metadata/") and member.lower().endswith(".config"):
                     _require_whole_volumes(package, member, path.name)
     except _DAMAGE as error:
-        said = " ".join(str(error).split())[:100]
-        raise StageError(f"{path.name}: cannot be read as 3MF, which is a ZIP archive ({said}); {AGAIN}") from error
+        reason = " ".join(str(error).split())[:100]
+        raise StageError(f"{path.name}: cannot be read as 3MF, which is a ZIP archive ({reason}); {AGAIN}") from error
     except (expat.ExpatError, IndexError) as error:
         raise StageError(f"{path.name}: cannot be read as 3MF: its XML is damaged ({error}); {AGAIN}") from error
 
 
 def with_content_types(path: str) -> str:
-    """Return `path`, or where its package lacks the types of its parts, without which lib3mf reads none, a full copy.
+    """Return `path`, or, if its package lacks the content types that lib3mf requires, a copy that has them.
 
-    The copy lies in the working folder, a temporary one of the child process.
+    The copy is in the working folder, a temporary one of the child process.
     """
     with zipfile.ZipFile(path) as package:
         if _CONTENT_TYPES in package.namelist():
@@ -89,7 +89,7 @@ def with_content_types(path: str) -> str:
 
 
 def _require_start(package: zipfile.ZipFile, name: str) -> None:
-    """Require that the package's relations name a start part that is there."""
+    """Require that the package's relations name an existing start part."""
     if _RELATIONS not in package.namelist():
         raise StageError(f"{name}: cannot be read as 3MF: it has no {_RELATIONS}, which names its start part; {AGAIN}")
     starts = [
@@ -101,32 +101,34 @@ def _require_start(package: zipfile.ZipFile, name: str) -> None:
         raise StageError(f"{name}: cannot be read as 3MF: its {_RELATIONS} names no start part of a 3-D model; {AGAIN}")
     start = starts[0].lstrip("/")
     if start not in package.namelist():
-        raise StageError(f"{name}: names {start!r} as its start part, which it does not hold; {AGAIN}")
+        raise StageError(f"{name}: names {start!r} as its start part, which does not exist; {AGAIN}")
     _require_known(_elements(package, start, first_only=True)[0], name)
 
 
 def _require_known(root: _Element, name: str) -> None:
-    """Refuse required extensions that are not read, and units that are none."""
+    """Require that all required extensions are supported, and that the unit is valid."""
     for prefix in root.attributes.get("requiredextensions", "").split():
         namespace = root.attributes.get(f"xmlns:{prefix}", prefix)
         if not namespace.startswith(_READ):
             words = next((name for key, name in _NAMES.items() if key in namespace.lower()), "")
             which = f"{words} ({namespace})" if words else namespace
-            raise StageError(f"{name}: requires the extension {which}, which is not read; export it as plain triangles")
+            raise StageError(
+                f"{name}: requires the extension {which}, which is not supported; export it as plain triangles"
+            )
     unit = root.attributes.get("unit", "millimeter")
     if unit not in _UNITS:
         raise StageError(f"{name}: its unit is {unit!r}, must be one of {', '.join(sorted(_UNITS))}; {AGAIN}")
 
 
 def _require_whole_volumes(package: zipfile.ZipFile, member: str, name: str) -> None:
-    """Refuse volumes that a slicer marks as cutter, modifier or support in its own settings."""
+    """Require that a slicer's settings mark no volume as cutter, modifier or support."""
     if package.getinfo(member).file_size > _LARGEST_SETTINGS:
         raise StageError(
-            f"{name}: {member} has {package.getinfo(member).file_size} bytes, no slicer's settings; {AGAIN}"
+            f"{name}: {member} has {package.getinfo(member).file_size} bytes, too many for a slicer's settings; {AGAIN}"
         )
     try:
         elements = _elements(package, member)
-    except expat.ExpatError:  # settings of other programs are no XML
+    except expat.ExpatError:  # settings of other programs are not XML
         return
     for element in elements:
         given = element.attributes

@@ -1,7 +1,7 @@
 """PLY, text and binary of both byte orders (Turk, "The PLY polygon file format", 1994), with strips of triangles.
 
-Read here: trimesh takes faces of several sizes for damage, fans polygons that are not convex and prints a traceback
-where a texture is absent; VTK ends the process on a file that is cut off.
+Not read by trimesh, which refuses faces of several sizes, fans non-convex polygons and prints a traceback if a texture
+is missing, or by VTK, which ends the process on a file that is cut off.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _STRIP_END = -1
 
 
 class _Property(NamedTuple):
-    """A number of an element, or a list of numbers after their length, whose type `length` then is."""
+    """A number of an element, or a list of numbers with a length of type `length` before it."""
 
     name: str
     type: str
@@ -55,7 +55,7 @@ class _Property(NamedTuple):
 
 
 class _Lists(NamedTuple):
-    """A list property of all rows: its values in a row, and how many each row has."""
+    """A list property of all rows: all values, one row after the other, and the number of values of each row."""
 
     values: NDArray[Any]
     sizes: Ints
@@ -110,7 +110,7 @@ def _header(text: bytes, name: str) -> _Header:
                 elements[-1].properties.append(_property(words[1:]))
         except (IndexError, KeyError, ValueError) as error:
             raise StageError(
-                f"{name}:{number}: its header says {quote(line)}, which is no line of PLY; {AGAIN}"
+                f"{name}:{number}: its header has {quote(line)}, which is not a line of PLY; {AGAIN}"
             ) from error
     if byte_order is None:
         raise StageError(f"{name}: its header has no line `format` of ascii or binary; {AGAIN}")
@@ -131,7 +131,7 @@ def _property(words: list[bytes]) -> _Property:
 
 
 def _elements(header: _Header, body: bytes, name: str) -> tuple[dict[str, dict[str, Any]], int]:
-    """Return what each element holds, property by property, and how much is left over."""
+    """Return the properties of each element, and the size of the rest."""
     buffer, order, is_text = body, header.byte_order, not header.byte_order
     if is_text:
         announced = sum(element.number for element in header.elements)
@@ -158,7 +158,7 @@ def _elements(header: _Header, body: bytes, name: str) -> tuple[dict[str, dict[s
 
 
 def _as_declared(values: Any, declared: str) -> Any:  # noqa: ANN401 - a column or lists
-    """Round the numbers of a text as a binary file would have them, so that equal places stay equal."""
+    """Round the numbers of a text to their declared type, so that equal positions stay equal."""
     if declared != "f4" or isinstance(values, _Lists):
         return values
     with np.errstate(over="ignore", invalid="ignore"):
@@ -166,7 +166,7 @@ def _as_declared(values: Any, declared: str) -> Any:  # noqa: ANN401 - a column 
 
 
 def _read_element(element: _Element, buffer: bytes, start: int, order: str, name: str) -> tuple[dict[str, Any], int]:
-    """Return the columns of an element's rows, which begin in `buffer` at `start`, and where they end."""
+    """Return the columns of an element's rows, from `start` in `buffer`, and their end."""
     lists = [p for p in element.properties if p.length]
     least = sum(np.dtype(p.length or p.type).itemsize for p in element.properties)
     if element.number * least > len(buffer) - start:
@@ -183,7 +183,7 @@ def _read_element(element: _Element, buffer: bytes, start: int, order: str, name
 
 
 def _record(element: _Element, sizes: tuple[int, ...], order: str) -> np.dtype[Any]:
-    """Return the layout of a row whose lists have so many values."""
+    """Return the dtype of a row whose lists have `sizes` values."""
     fields: list[tuple[Any, ...]] = []
     remaining = list(sizes)
     for p in element.properties:
@@ -196,7 +196,7 @@ def _record(element: _Element, sizes: tuple[int, ...], order: str) -> np.dtype[A
 
 
 def _row_starts(element: _Element, buffer: bytes, start: int, order: str, name: str) -> tuple[Ints, Ints, int]:
-    """Return the sizes of each row's lists (n, lists), where each row begins (n,), and where the last ends."""
+    """Return the sizes of each row's lists (n, lists), the start of each row (n,), and the end of the last."""
     first = _sizes_at(element, buffer, start, order, name)
     record = _record(element, first, order)
     end = start + element.number * record.itemsize
@@ -219,7 +219,7 @@ def _row_starts(element: _Element, buffer: bytes, start: int, order: str, name: 
 
 
 def _sizes_at(element: _Element, buffer: bytes, at: int, order: str, name: str) -> tuple[int, ...]:
-    """Return how many values each list of the row at `at` has."""
+    """Return the number of values of each list of the row at `at`."""
     sizes = []
     for p in element.properties:
         kind = np.dtype(order + (p.length or p.type))
@@ -236,7 +236,7 @@ def _sizes_at(element: _Element, buffer: bytes, at: int, order: str, name: str) 
 
 
 def _columns(element: _Element, buffer: bytes, sizes: Ints, starts: Ints, order: str) -> dict[str, Any]:
-    """Return the columns of rows of any sizes: those of equal sizes are taken at once."""
+    """Return the columns of rows of any sizes; rows of equal sizes are read at once."""
     content = np.frombuffer(buffer, np.uint8)
     kinds, kind_of_row = np.unique(sizes, axis=0, return_inverse=True)
     found: dict[str, list[tuple[NDArray[np.intp], NDArray[Any]]]] = {p.name: [] for p in element.properties}
@@ -260,7 +260,7 @@ def _columns(element: _Element, buffer: bytes, sizes: Ints, starts: Ints, order:
 
 
 def _join_lists(parts: list[tuple[NDArray[np.intp], NDArray[Any]]], sizes: Ints) -> _Lists:
-    """Return the lists of all rows in the rows' order."""
+    """Return the lists of all rows in their order."""
     first = np.cumsum(sizes) - sizes
     joined = np.empty(int(sizes.sum()), parts[0][1].dtype.newbyteorder("="))
     for at, values in parts:
@@ -300,12 +300,12 @@ def _indices(lists: _Lists, name: str) -> Ints:
     with np.errstate(invalid="ignore"):
         whole = lists.values.astype(np.int64)
         if (whole != lists.values).any():
-            raise StageError(f"{name}: a corner of a face is no whole number; {AGAIN}")
+            raise StageError(f"{name}: a corner of a face is not a whole number; {AGAIN}")
     return whole
 
 
 def _split_strips(corners: Ints, sizes: Ints) -> Ints:
-    """Return the triangles of strips, which end where a list does or at -1."""
+    """Return the triangles of strips; a strip ends at the end of a list or at -1."""
     faces = [np.empty((0, 3), np.int64)]
     for strip in np.split(corners, np.cumsum(sizes)[:-1]):
         ends = np.flatnonzero(strip == _STRIP_END)

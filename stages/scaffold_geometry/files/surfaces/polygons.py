@@ -1,4 +1,4 @@
-"""What every reader of surface files makes: faces of any number of corners, and what the file says of itself."""
+"""The result of every reader of surface files: polygons, and the file's unit, axes and notes."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from scaffold_pipeline.errors import StageError
 
 
 class Polygons(NamedTuple):
-    """Faces of any number of corners: `corners` is their corner indices in a row, `sizes` how many each has.
+    """Polygons: `corners` are the corner indices of all, one after the other, `sizes` the number of corners of each.
 
-    `vertices` (n, 3) are in the file's unit. `up` is the axis that the format points up, `space` the anatomical axes
-    that the file names (`RAS`, `LPS`), `notes` what was passed over, `doubts` what the user should look at.
+    `vertices` (n, 3) are in the file's unit. `up` is the up axis of the format, `space` the anatomical axes named in
+    the file (`RAS`, `LPS`), `notes` what was ignored, `doubts` warnings for the user.
     """
 
     vertices: Floats
@@ -29,7 +29,7 @@ class Polygons(NamedTuple):
 
 
 def no_polygons() -> Polygons:
-    """Return the polygons of a file that has none."""
+    """Return an empty set of polygons."""
     return Polygons(np.empty((0, 3)), np.empty(0, np.int64), np.empty(0, np.int64))
 
 
@@ -39,12 +39,12 @@ def of_triangles(vertices: Floats, faces: Ints) -> Polygons:
 
 
 def of_corners(corners: Floats) -> Polygons:
-    """Return the polygons of triangles given by their own corners, (m, 3, 3)."""
+    """Return the polygons of triangles given by the coordinates of their corners, (m, 3, 3)."""
     return of_triangles(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
 def split_strip(strip: Ints) -> Ints:
-    """Return the triangles (m, 3) of a strip of corners: every other one is turned, those of a repeated corner go."""
+    """Return the triangles (m, 3) of a strip: every other one is flipped, those with a repeated corner are left out."""
     if len(strip) < 3:  # corners of a triangle
         return np.empty((0, 3), np.int64)
     faces = np.stack([strip[:-2], strip[1:-1], strip[2:]], axis=1)
@@ -62,7 +62,7 @@ def split_fan(fan: Ints) -> Ints:
 
 
 def first_three(words: list[bytes], name: str, line: int) -> list[bytes]:
-    """Return the first three words, those of a vertex; what follows is a weight, a normal or a colour."""
+    """Return the first three words, the coordinates of a vertex; a weight, normal or colour may follow."""
     if len(words) < 3:  # coordinates of a vertex
         raise StageError(f"{name}:{line}: a vertex has {len(words)} coordinates, needs 3; {AGAIN}")
     return words[:3]

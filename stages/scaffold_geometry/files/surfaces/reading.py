@@ -1,8 +1,8 @@
-"""Read one surface file into triangles, or say in one line why not.
+"""Read one surface file into triangles, or raise a one-line error.
 
-Formats of plain numbers are read here, since what a reader makes of a damaged one is often a mesh that is silently
-empty or short; lib3mf reads 3MF and VTK its own formats, in child processes that may die. Nothing is merged, dropped
-or turned: the triangles are those of the file, larger polygons cut into triangles.
+Simple formats have readers of their own, as other libraries often return an empty or incomplete mesh for a damaged file
+without an error; lib3mf reads 3MF, and VTK its own formats, in child processes, which may crash. Nothing is merged,
+removed or flipped: the triangles are those of the file, with larger polygons cut into triangles.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 
 MILLIMETRES = {"micron": 1e-3, "mm": 1.0, "cm": 10.0, "inch": 25.4, "foot": 304.8, "m": 1000.0}
-"""How many mm each unit is."""
+"""Length of each unit, mm."""
 
 
 class SurfaceFile(NamedTuple):
-    """What a file holds: `vertices` (n, 3) in the file's unit, `faces` (m, 3), the unit where it carries one.
+    """The content of a file: `vertices` (n, 3) in the file's unit, `faces` (m, 3), and the unit if the file states it.
 
-    `up` is the axis that its format points up, y or z, and `space` the anatomical axes that it names, RAS or LPS.
+    `up` is the up axis of the format, y or z, and `space` the anatomical axes named in the file, RAS or LPS.
     """
 
     vertices: Floats
@@ -48,9 +48,9 @@ class SurfaceFile(NamedTuple):
 
 
 def read_surface(path: Path) -> SurfaceFile:
-    """Read the surface file `path`; a `StageError` names what is wrong with it, a warning what is odd."""
+    """Read the surface file `path`; raises `StageError` for an invalid file, and warns of unusual content."""
     reader = reader_of(path, READERS, "surface")
-    with np.errstate(all="ignore"):  # what is no number is refused below
+    with np.errstate(all="ignore"):  # invalid numbers are refused below
         polygons = reader(path)
     _require_faces(polygons, path)
     for doubt in polygons.doubts:
@@ -63,14 +63,14 @@ def read_surface(path: Path) -> SurfaceFile:
         notes.append(f"cut {larger} polygons of more than three corners into triangles")
     missing = int((polygons.sizes - 2).sum()) - len(faces)
     if missing:
-        notes.append(f"{missing} triangles are missing from polygons too crooked to cut")
+        notes.append(f"{missing} triangles are missing from polygons that could not be cut")
     if polygons.space:
-        notes.append(f"its coordinates are {polygons.space} by its own word, taken as they are")
+        notes.append(f"its header gives the axes as {polygons.space}; the coordinates are not changed")
     return SurfaceFile(polygons.vertices, faces, polygons.unit, polygons.up, polygons.space, tuple(notes))
 
 
 def turn_up(vertices: Floats) -> Floats:
-    """Return vertices (n, 3) turned about x so that what was y points up along z."""
+    """Return vertices (n, 3) rotated about x, so that the y axis becomes z, up."""
     x, y, z = vertices.T
     return np.column_stack([x, -z, y])
 
@@ -79,8 +79,8 @@ def _require_faces(polygons: Polygons, path: Path) -> None:
     if not len(polygons.sizes):
         start = path.read_bytes()[:30].splitlines()[0]
         raise StageError(
-            f"{path.name}: holds no triangles (it begins with {quote(start)}); is it a surface, "
-            f"and really of the format {path.suffix[1:].upper()}?"
+            f"{path.name}: has no triangles (it begins with {quote(start)}); is it a surface, "
+            f"and in the format {path.suffix[1:].upper()}?"
         )
     bad = int((~np.isfinite(polygons.vertices)).any(axis=1).sum())
     if bad:

@@ -1,4 +1,4 @@
-"""STL, binary and as text, which no header tells apart for certain: size, words and counts decide together."""
+"""STL, binary and text; the header alone does not distinguish them, so size, keywords and counts are used."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from scaffold_pipeline.errors import StageError
 _HEADER, _FACET = 84, 50
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _UNCOUNTED = (0, 0xFFFFFFFF)
-"""What writers leave in place of the count where they never come back to it."""
+"""Placeholders for the count that some writers never replace."""
 _PADDING = b"\0\x1a \t\r\n"
-"""What old systems fill a text file up with, or end it."""
+"""Bytes with which old systems pad or end a text file."""
 _SOLID, _END = rb"^[ \t]*solid\b[^\n]*$", rb"^[ \t]*end[ _]?solid\b[^\n]*$"
 
 
@@ -44,10 +44,10 @@ def _polygons(content: bytes, count: int, doubt: str = "") -> Polygons:
 
 
 def _read_odd_size(content: bytes, announced: int, name: str) -> Polygons:
-    """Read a binary STL whose size is not that of its count: bytes after the last triangle, or no count."""
+    """Read a binary STL whose size does not match its count: extra bytes at the end, or no count."""
     have, rest = divmod(len(content) - _HEADER, _FACET)
     if announced in _UNCOUNTED and have > 0 and not rest and _are_triangles(content, 0, have):
-        return _polygons(content, have, f"its header counts {announced} triangles; read the {have} that follow")
+        return _polygons(content, have, f"its header announces {announced} triangles; read all {have} that follow")
     extra = len(content) - _HEADER - _FACET * announced
     if announced > 0 and extra > 0:
         if extra >= _FACET and _are_triangles(content, announced, 1):
@@ -56,24 +56,24 @@ def _read_odd_size(content: bytes, announced: int, name: str) -> Polygons:
             )
         return _polygons(content, announced, f"left out {extra} bytes after its last triangle")
     raise StageError(
-        f"{name}: is no STL file or a damaged one: {len(content)} bytes, where its header announces "
+        f"{name}: is not an STL file, or damaged: {len(content)} bytes, where its header announces "
         + (f"{_HEADER + _FACET * announced} ({announced} triangles)" if announced >= 0 else "more")
         + "; export or download it again"
     )
 
 
 def _are_triangles(content: bytes, start: int, count: int) -> bool:
-    """Return whether the `count` records from `start` on look like triangles: finite, as large as those before."""
+    """Return whether the `count` records from `start` on look like triangles: finite, of similar size as the others."""
     corners = np.frombuffer(content, _RECORD, start + count, _HEADER)["corners"].astype(np.float64)
     after = corners[start:]
     if not np.isfinite(after).all() or not after.any():
         return False
     size = float(np.abs(corners[:start]).max(initial=0.0)) if start else 1e9
-    return bool(1e-6 * min(size, 1.0) <= np.abs(after).max() <= 10.0 * size)  # bytes of text or zeros are neither
+    return bool(1e-6 * min(size, 1.0) <= np.abs(after).max() <= 10.0 * size)  # text or zeros are neither
 
 
 def _read_text(text: bytes, name: str) -> Polygons:
-    """Read STL as text; what a solid is called may be any word of the format."""
+    """Read STL as text; the name of a solid may be any keyword of the format."""
     begun, ended = (len(re.findall(line, text, re.IGNORECASE | re.MULTILINE)) for line in (_SOLID, _END))
     body = re.sub(_SOLID, b"", text, flags=re.IGNORECASE | re.MULTILINE) if text.count(b"\n") > 1 else text
     ends = list(

@@ -1,7 +1,7 @@
-"""3MF (3MF Core Specification 1.3): what its build items name, read by lib3mf in a child process that may die.
+"""3MF (3MF Core Specification 1.3): its build items, read by lib3mf in a child process, which may crash.
 
-lib3mf reads components, transforms and parts of the production extension. It reads on silently past extensions that
-it does not know and past what slicers keep beside the model, so `package` looks at those first.
+lib3mf reads components, transforms and parts of the production extension. It silently ignores unknown extensions and
+data of slicers beside the model, so `package` checks for these first.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
 
 READING_SECONDS = 300.0
-"""lib3mf reads a million triangles in some ten seconds: what takes longer never ends."""
+"""Time limit: lib3mf reads a million triangles in about ten seconds."""
 
 _UNITS = {"MicroMeter": "micron", "MilliMeter": "mm", "CentiMeter": "cm", "Inch": "inch", "Foot": "foot", "Meter": "m"}
 _DEEPEST = 100
-"""Components below each other; more is a circle."""
+"""Most levels of nested components; more means a cycle."""
 _NO_MODEL_VOLUMES = ("cura:infill_mesh", "cura:cutting_mesh", "cura:anti_overhang_mesh", "cura:support_mesh")
 _CHECKED_UUIDS = 0x80B0
-"""lib3mf's warning of a UUID that is missing, which nobody needs to read a shape."""
+"""lib3mf's warning of a missing UUID, which does not affect the shape."""
 _AS_TRIANGLES = "export it as plain triangles"
 
 
@@ -46,7 +46,7 @@ def read_three_mf(path: Path) -> Polygons:
 
 
 def three_mf_triangles(*, path: str) -> dict[str, NDArray[Any]]:
-    """Return `vertices`, `faces`, `unit`, `notes` and `doubts` of a file, or its `refusal`: the child's side."""
+    """Return `vertices`, `faces`, `unit`, `notes` and `doubts` of a file, or its `refusal`; for the child process."""
     import lib3mf
 
     model = lib3mf.get_wrapper().CreateModel()
@@ -62,7 +62,10 @@ def three_mf_triangles(*, path: str) -> dict[str, NDArray[Any]]:
         vertices, faces, doubts = build.triangles()
     except StageError as error:
         return {"refusal": np.array(str(error))}
-    notes = [*build.notes, *dict.fromkeys(f"lib3mf: {said}" for code, said in complaints if code != _CHECKED_UUIDS)]
+    notes = [
+        *build.notes,
+        *dict.fromkeys(f"lib3mf: {message}" for code, message in complaints if code != _CHECKED_UUIDS),
+    ]
     return {
         "vertices": vertices,
         "faces": faces,
@@ -77,7 +80,7 @@ def _words(error: Exception) -> str:
 
 
 class _Item(NamedTuple):
-    """An object, the matrix that places it, and how many objects it lies in."""
+    """An object, its transform, and its level of nesting."""
 
     object: Any
     matrix: Floats
@@ -85,7 +88,7 @@ class _Item(NamedTuple):
 
 
 class _Build:
-    """What a model's build items place, object by object; lib3mf keys its objects by part and number."""
+    """The objects of a model's build items with their transforms; lib3mf identifies objects by part and number."""
 
     def __init__(self, model: Any) -> None:  # noqa: ANN401 - lib3mf ships no types
         self._model = model
@@ -93,12 +96,11 @@ class _Build:
         self.notes: list[str] = []
 
     def triangles(self) -> tuple[Floats, Ints, tuple[str, ...]]:
-        """Return vertices and faces of all that is to be built, and what the user should look at."""
+        """Return vertices and faces of all build items, and warnings for the user."""
         items = self._model.GetBuildItems()
         if not items.Count():
             raise StageError(
-                "names nothing to build (no build items), so nothing of it has a place; put the object on the plate "
-                "and export it again"
+                "has no build items, so no object has a position; put the object on the plate and export it again"
             )
         placed: list[Placed] = []
         while items.MoveNext():
@@ -117,7 +119,7 @@ class _Build:
         if kind != "model":
             self.notes.append(f"left out object {thing.GetModelResourceID()} of type {kind}")
         elif depth > _DEEPEST:
-            raise StageError(f"its components lie in each other in a circle; {AGAIN}")
+            raise StageError(f"its components contain each other in a cycle; {AGAIN}")
         elif thing.IsMeshObject():
             vertices, faces = self._mesh(thing)
             placed += [Placed(vertices, faces, matrix)] if len(faces) else []
@@ -128,7 +130,7 @@ class _Build:
                 self._place(_Item(component.GetObjectResource(), matrix @ inner, depth + 1), placed)
         else:
             raise StageError(
-                f"object {thing.GetModelResourceID()} is an implicit or volumetric shape, which is not read; "
+                f"object {thing.GetModelResourceID()} is an implicit or volumetric shape, which is not supported; "
                 f"{_AS_TRIANGLES}"
             )
 
@@ -140,24 +142,26 @@ class _Build:
         return self._meshes[number]
 
     def _require_plain(self, mesh: Any) -> None:  # noqa: ANN401
-        """Refuse a mesh that is only a part of what its object is."""
+        """Require that a mesh is the whole shape of its object."""
         name = f"object {mesh.GetModelResourceID()}"
         if mesh.BeamLattice().GetBeamCount():
-            raise StageError(f"{name} has beams (the beam lattice extension), which are not read; {_AS_TRIANGLES}")
+            raise StageError(f"{name} has beams (the beam lattice extension), which are not supported; {_AS_TRIANGLES}")
         if mesh.HasSlices(Recursive=True) and mesh.GetSlicesMeshResolution().name == "Lowres":
-            raise StageError(f"{name} is given by slices (the slice extension), which are not read; {_AS_TRIANGLES}")
+            raise StageError(
+                f"{name} is given by slices (the slice extension), which are not supported; {_AS_TRIANGLES}"
+            )
         described = mesh.GetMetaDataGroup()
         for k in range(described.GetMetaDataCount()):
             entry = described.GetMetaData(k)
             key = f"{entry.GetNameSpace()}:{entry.GetName()}".rpartition("/")[2]
             if key.endswith(tuple(of.partition(":")[2] for of in _NO_MODEL_VOLUMES)) and entry.GetValue() == "True":
-                raise StageError(f"{name} is no body of its own for the slicer ({entry.GetName()}); leave it out there")
+                raise StageError(f"{name} is not a separate body for the slicer ({entry.GetName()}); remove it there")
 
 
 def mesh_arrays(mesh: Any) -> tuple[Floats, Ints]:  # noqa: ANN401
     """Return the vertices and faces of lib3mf's mesh, filled by its C functions.
 
-    Its Python functions make an object of every vertex and triangle, gigabytes for a fine solid.
+    Its Python functions create an object for every vertex and triangle, gigabytes for a fine solid.
     """
     import ctypes
 
@@ -177,7 +181,7 @@ def mesh_arrays(mesh: Any) -> tuple[Floats, Ints]:  # noqa: ANN401
 
 
 def _matrix(transform: Any) -> Floats:  # noqa: ANN401
-    """Return lib3mf's transform as a matrix for columns: it has the rows of one for rows."""
+    """Return lib3mf's transform as a matrix for column vectors: lib3mf stores it for row vectors."""
     rows = np.array([[transform.Fields[i][j] for j in range(3)] for i in range(4)], np.float64)
     matrix = np.eye(4)
     matrix[:3] = rows.T

@@ -1,4 +1,4 @@
-"""Meshes that a file places by matrices, joined to one."""
+"""Join meshes that a file places by transforms."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from scaffold_geometry.files.text import AGAIN
 from scaffold_pipeline.errors import StageError
 
 _WORTH_A_WORD = 1000.0 * (1.0 + 1e-6)
-"""Factor of size beyond which a matrix is no change of units such as mm to m."""
+"""Scale factor above which a matrix is not a change of units such as mm to m."""
 
 
 class Placed(NamedTuple):
-    """A mesh, `vertices` (n, 3) and `faces` (m, 3), and the matrix (4, 4) that puts x, y, z, 1 in its place.
+    """A mesh, `vertices` (n, 3) and `faces` (m, 3), and its transform (4, 4) of x, y, z, 1.
 
-    `is_coded` says that the vertices are whole numbers, which the matrix takes to lengths.
+    With `is_coded` the vertices are integers, which the matrix converts to lengths.
     """
 
     vertices: Floats
@@ -27,29 +27,27 @@ class Placed(NamedTuple):
 
 
 def join_placed(meshes: list[Placed], thing: str, name: str) -> tuple[Floats, Ints, tuple[str, ...]]:
-    """Return vertices and faces of all meshes in their places, and what the user should look at.
+    """Return vertices and faces of all transformed meshes, and warnings for the user.
 
-    A mirrored mesh is wound the other way, so that it still faces outward. Raises `StageError` for a matrix that is
-    not finite or flattens what it places.
+    The faces of a mirrored mesh are flipped, so that it still faces outward. Raises `StageError` for a matrix that is
+    not finite or singular.
     """
     vertices, faces, start = [np.empty((0, 3))], [np.empty((0, 3), np.int64)], 0
     greatest = 1.0
     for mesh in meshes:
         linear, shift = mesh.matrix[:3, :3], mesh.matrix[:3, 3]
         if not np.isfinite(mesh.matrix).all() or np.linalg.matrix_rank(linear) < 3 or not _is_affine(mesh.matrix):
-            raise StageError(f"{name}: a {thing} is placed by a matrix that flattens it or is none; {AGAIN}")
+            raise StageError(f"{name}: a {thing} has a singular or invalid matrix; {AGAIN}")
         sizes = np.linalg.svd(linear, compute_uv=False)
         factors = (greatest,) if mesh.is_coded else (greatest, sizes[0], sizes[-1])
         greatest = max(factors, key=lambda factor: abs(np.log(factor)))
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused with the vertices
+        with np.errstate(over="ignore", invalid="ignore"):  # overflow is refused with the vertices
             vertices.append(mesh.vertices @ linear.T + shift)
         turned = mesh.faces[:, ::-1] if np.linalg.det(linear) < 0.0 else mesh.faces
         faces.append(turned + start)
         start += len(mesh.vertices)
     is_odd = abs(np.log(greatest)) > np.log(_WORTH_A_WORD)
-    doubts = (
-        (f"a {thing} changes the size by a factor of {greatest:.4g}; look whether the size is right",) if is_odd else ()
-    )
+    doubts = (f"a {thing} changes the size by a factor of {greatest:.4g}; check the size",) if is_odd else ()
     return np.concatenate(vertices), np.concatenate(faces), doubts
 
 

@@ -1,4 +1,4 @@
-"""Polygons cut into triangles in their own planes, convex or not."""
+"""Triangulation of polygons in their own planes, convex or not."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from scaffold_geometry.arrays import Bools, Floats, Ints
 
 _FOLDED = 1e-9
-"""Share of a polygon's area below which a triangle that faces the other way is rounding."""
+"""Share of a polygon's area below which an inverted triangle is a rounding error."""
 
 
 def cut_polygons(*, vertices: Floats, corners: Ints, sizes: Ints) -> dict[str, NDArray[Any]]:
-    """Return `faces` (m, 3): the polygons cut into triangles, by VTK, or where it folds or gives up by manifold3d.
+    """Return `faces` (m, 3): the polygons cut into triangles by VTK, or by manifold3d if VTK fails or makes folds.
 
-    Each polygon of k corners gives k - 2 triangles that face as it does, in the order of the polygons. To be called
-    in a child process.
+    Each polygon of k corners gives k - 2 triangles with its orientation, in the order of the polygons. To be called in
+    a child process.
     """
     faces, polygon = _cut_with_vtk(vertices, corners, sizes)
     bad = _badly_cut(vertices, corners, sizes, faces, polygon)
@@ -35,7 +35,7 @@ def cut_polygons(*, vertices: Floats, corners: Ints, sizes: Ints) -> dict[str, N
 
 
 def _cut_with_vtk(vertices: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, Ints]:
-    """Return triangles (m, 3) and the polygon that each is of, (m,)."""
+    """Return triangles (m, 3) and the polygon of each, (m,)."""
     from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray, vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -59,7 +59,7 @@ def _cut_with_vtk(vertices: Floats, corners: Ints, sizes: Ints) -> tuple[Ints, I
 
 
 def _badly_cut(vertices: Floats, corners: Ints, sizes: Ints, faces: Ints, polygon: Ints) -> Bools:
-    """Return which polygons lack triangles, or have one that faces against the polygon, (n,)."""
+    """Return which polygons lack triangles, or have an inverted one, (n,)."""
     normals = _area_vectors(vertices, corners, sizes)
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     squares = np.einsum("ij,ij->i", normals, normals)
@@ -71,7 +71,7 @@ def _badly_cut(vertices: Floats, corners: Ints, sizes: Ints, faces: Ints, polygo
 
 
 def _area_vectors(vertices: Floats, corners: Ints, sizes: Ints) -> Floats:
-    """Return the vector area of each polygon, (n, 3): its normal, as long as its area (Newell's method)."""
+    """Return the vector area of each polygon, (n, 3): its normal times its area (Newell's method)."""
     starts = np.cumsum(sizes) - sizes
     polygon = np.repeat(np.arange(len(sizes)), sizes)
     following = np.arange(len(corners)) + 1

@@ -1,4 +1,4 @@
-"""VTK's PolyData, XML (.vtp) and legacy (.vtk), read by VTK in a child process that may die."""
+"""VTK's PolyData, XML (.vtp) and legacy (.vtk), read by VTK in a child process, which may crash."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from scaffold_pipeline.processes.isolation import call_in_child
 
 
 def read_vtk_polydata(path: Path) -> Polygons:
-    """Read the PolyData file `path`; polygons and strips that it marks as hidden or as copies are left out."""
+    """Read the PolyData file `path`, without hidden and duplicate polygons and strips."""
     about = f"{path.name} cannot be read; export it again, as PolyData, or download it again"
     found = call_in_child(vtk_polygons, {}, {"path": str(path.resolve())}, seconds=READING_SECONDS, about=about)
     hidden = int(found["hidden"])
-    notes = (f"left out {hidden} polygons that the file marks as hidden or as copies (vtkGhostType)",) if hidden else ()
+    notes = (f"left out {hidden} polygons that the file marks as hidden or duplicate (vtkGhostType)",) if hidden else ()
     space = space_in(bytes(found["space"]))
     return Polygons(found["vertices"], found["corners"], found["sizes"], space=space, notes=notes)
 
 
 def vtk_polygons(*, path: str) -> dict[str, NDArray[Any]]:
-    """Return `vertices`, `corners` and `sizes` of the PolyData file `path`: the child's side of reading it."""
+    """Return `vertices`, `corners` and `sizes` of the PolyData file `path`; for the child process."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
     from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkIOLegacy import vtkPolyDataReader
@@ -47,7 +47,7 @@ def vtk_polygons(*, path: str) -> dict[str, NDArray[Any]]:
     reader.Update()
     complaint = window.GetOutput()
     if "error" in str(complaint).lower():
-        # VTK complains and hands over what it has got: a part of the surface.
+        # After an error VTK still returns a part of the surface.
         raise StageError(f"VTK says: {first_complaint(complaint)}")
     surface = reader.GetOutput()
     if not surface.GetNumberOfPolys() + surface.GetNumberOfStrips():
@@ -70,9 +70,9 @@ def vtk_polygons(*, path: str) -> dict[str, NDArray[Any]]:
 
 
 def _visible_polygons(surface: Any) -> tuple[Ints, Ints, int]:  # noqa: ANN401 - VTK's types are unknown to mypy
-    """Return corners and sizes of the polygons and of the strips' triangles, and how many of both are hidden."""
+    """Return corners and sizes of the polygons and of the strips' triangles, and the number of hidden ones."""
     of_cells, of_points = ghost_types(surface)
-    # A surface's cells are its vertices, lines, polygons and strips, in this order.
+    # The cells of a surface are vertices, lines, polygons and strips, in this order.
     first = surface.GetNumberOfVerts() + surface.GetNumberOfLines()
     middle = first + surface.GetNumberOfPolys()
     corners, sizes, hidden = _visible(surface.GetPolys(), of_cells[first:middle], of_points)
@@ -84,7 +84,7 @@ def _visible_polygons(surface: Any) -> tuple[Ints, Ints, int]:  # noqa: ANN401 -
 
 
 def _visible(cells: Any, of_cells: Ints, of_points: Ints) -> tuple[Ints, Ints, int]:  # noqa: ANN401
-    """Return corners and sizes of the cells that are not hidden, and how many are."""
+    """Return corners and sizes of the cells that are not hidden, and the number of hidden ones."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     if not cells.GetNumberOfCells():

@@ -1,4 +1,4 @@
-"""How far a repaired surface lies from the one that was read: exact point-to-triangle distances from many samples."""
+"""The distance of a repaired surface from the original: exact point-to-triangle distances of many samples."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from scaffold_geometry.surfaces.edges import Surface
 
 _MOST_SAMPLES = 200_000
 _MOST_ASKED = 20_000
-"""Samples that are asked which side they are on: a tenth of a millisecond each, near long triangles."""
+"""Most samples tested for inside or outside: each takes 0.1 ms near long triangles."""
 
 _MOST_STEPS = 40
-"""Steps along a triangle's longest side: sampling is meant to find the farthest place, not to cover a plane."""
+"""Most steps along a triangle's longest side: enough to find the farthest point, without covering planes."""
 
 _WITHIN = 0.25
-"""Least winding number on either side of what is inside: it is about 0.5 on one side of a wall in a body, 0 on that of
-the body's own surface, and -0.5 on that of a sheet outside."""
+"""Least winding number on both sides of an inner face: the lower one is about 0.5 for a wall in a body, 0 for the
+body's own surface, and -0.5 for a sheet outside."""
 
 _NEGLIGIBLE = 1e-6
-"""Share of the diagonal below which a distance needs no explanation."""
+"""Share of the diagonal below which a distance is negligible."""
 
 _INNER = 0.02
-"""Share of the way to the middle of its face at which a sample is asked for its two sides: beside a sharp edge, one
-side of a face is the other side of the next."""
+"""Share of the way to the centre of its face at which both sides of a sample are tested: at a sharp edge, one side of a
+face is the other side of the next."""
 
 _BESIDE = 1e-5
-"""How far beside a triangle the winding number is taken, as a share of the diagonal."""
+"""Distance from a triangle at which the winding number is evaluated, as a share of the diagonal."""
 
 
 class Farthest(NamedTuple):
-    """The greatest distance found, and the place (3,) on the surface that it was measured from."""
+    """The greatest distance, and its place (3,) on the surface of the samples."""
 
     distance: float
     place: Floats
@@ -43,10 +43,10 @@ NOWHERE = Farthest(0.0, np.zeros(3))
 
 
 class Displacement(NamedTuple):
-    """How far the surfaces lie apart.
+    """The distances between the original and the repaired surface.
 
-    `lost` is the greatest distance to the result from what was read, but for what lies inside the solid on both sides;
-    `gained` that to what was read from the result. `inner` mm^2 of what was read lay inside and is not in the result.
+    `lost` is the greatest distance of the original from the result, without its faces inside the solid; `gained` that
+    of the result from the original. `inner` is the area, mm^2, of the removed faces inside the solid.
     """
 
     lost: Farthest
@@ -55,9 +55,9 @@ class Displacement(NamedTuple):
 
 
 def measure_displacement(read: Surface, repaired: Surface, kept: Surface, spacing: float) -> Displacement:
-    """Compare all that was read with all that was repaired, and what of this is kept with what was read.
+    """Compare the whole original with the whole repaired surface, and the kept part of it with the original.
 
-    Triangles that are in both at the same places are passed over; the others are sampled about every `spacing`.
+    Triangles in both surfaces are skipped; the others are sampled about every `spacing`.
     """
     if np.array_equal(read[0], kept[0]) and np.array_equal(np.sort(read[1], axis=1), np.sort(kept[1], axis=1)):
         return Displacement(NOWHERE, NOWHERE, 0.0)
@@ -78,18 +78,18 @@ def measure_displacement(read: Surface, repaired: Surface, kept: Surface, spacin
 
 
 def find_changed_faces(one: Surface, other: Surface) -> Bools:
-    """Return which faces of `one` have no face of `other` on the same three places, (m,)."""
+    """Return which faces of `one` have no face of `other` with the same three corners, (m,)."""
     vertices = np.concatenate([one[0], other[0]])
     faces = np.concatenate([one[1], other[1] + len(one[0])])
     places, faces = triangles.merge_coincident(vertices, faces)
     first, second, third = np.sort(faces, axis=1).T.astype(np.uint64)
-    # beyond two million vertices this wraps round, and two triangles may share a key, but hardly do
+    # beyond two million vertices this overflows, and two triangles may share a key, which is improbable
     key = (first * np.uint64(len(places)) + second) * np.uint64(len(places)) + third
     return ~np.isin(key[: len(one[1])], key[len(one[1]) :])
 
 
 class Samples(NamedTuple):
-    """Points on a surface (k, 3), the same a little towards the middle of their face, its normal, and their area."""
+    """Points on a surface (k, 3), the same moved towards the centre of their face, its normal, and their area."""
 
     points: Floats
     inner: Floats
@@ -102,9 +102,9 @@ class Samples(NamedTuple):
 
 
 def samples(vertices: Floats, faces: Ints, spacing: float) -> Samples:
-    """Return points on the faces, corners and centres among them, about `spacing` apart.
+    """Return points on the faces, including corners and centres, about `spacing` apart.
 
-    They are sparser where 200,000 would not do.
+    They are sparser if this would give more than 200,000.
     """
     areas = triangles.face_areas(vertices, faces)
     spacing = max(spacing, float(np.sqrt(2.0 * areas.sum() / _MOST_SAMPLES)), float(np.finfo(float).tiny))
@@ -151,7 +151,7 @@ def _greatest(points: Floats, distances: Floats) -> Farthest:
 
 
 def _is_inside(found: Samples, surface: Surface) -> Bools:
-    """Return which samples of a surface are inside it on both sides, (k,)."""
+    """Return which samples have the inside of a surface on both sides, (k,)."""
     import igl
 
     if not len(found.points):

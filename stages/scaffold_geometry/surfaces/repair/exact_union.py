@@ -1,4 +1,4 @@
-"""The union of what a closed surface winds about, its triangles cut where they cross: exact, sharp edges and all.
+"""The exact union of all that a closed surface encloses: its triangles are cut where they cross; sharp edges stay.
 
 Q. Zhou, E. Grinspun, D. Zorin, A. Jacobson, "Mesh arrangements for solid geometry", ACM Transactions on Graphics 35
 (2016).
@@ -18,18 +18,18 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import Arrays
 
 _SIMPLER = 1e-6
-"""Share of the greatest coordinate by which the slivers that cutting leaves are merged."""
+"""Tolerance, as a share of the greatest coordinate, for merging the slivers made by cutting."""
 
 
 def resolve_self_intersections(vertices: Floats, faces: Ints) -> Arrays:
-    """Return `vertices` and `faces` of the boundary of all that is wound about at least once; for a child process.
+    """Return `vertices` and `faces` of the boundary of winding number 1 or more; for a child process.
 
-    Raises `StageError` where that is not closed and free of crossings once its corners are rounded.
+    Raises `StageError` if it is not closed and free of self-intersections after rounding.
     """
     whole = _unite(vertices, faces)
-    said = _fault(*whole)
-    if said:
-        raise StageError(f"what is left when it is cut where it crosses itself {said}")
+    fault = _fault(*whole)
+    if fault:
+        raise StageError(f"its union, cut where it crosses itself, {fault}")
     simpler = without_slivers(*whole, _SIMPLER * float(np.abs(whole[0]).max()))
     return {"vertices": simpler[0], "faces": simpler[1]}
 
@@ -45,12 +45,12 @@ def _unite(vertices: Floats, faces: Ints) -> Surface:
     except RuntimeError as error:
         raise StageError(f"it cannot be cut where it crosses itself ({error})") from error
     if not len(corners):
-        raise StageError("it winds about nothing")
+        raise StageError("it encloses nothing")
     return try_split_non_manifold(*_in_order(new, np.asarray(corners, np.int64)))
 
 
 def _in_order(vertices: Floats, faces: Ints) -> Surface:
-    """Return the surface with its vertices and faces sorted: cutting gives them in another order each time."""
+    """Return the surface with its vertices and faces sorted, as their order after cutting is not deterministic."""
     order = np.lexsort(vertices.T[::-1])
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
@@ -61,13 +61,13 @@ def _in_order(vertices: Floats, faces: Ints) -> Surface:
 
 
 def without_slivers(vertices: Floats, faces: Ints, tolerance: float) -> Surface:
-    """Return a closed surface with fewer triangles, moved by about `tolerance` at most; the same if spoilt."""
+    """Return a closed surface with fewer triangles, moved by about `tolerance` at most; unchanged if this fails."""
     simpler = from_manifold(simplify_manifold(to_manifold(vertices, faces, "the rebuilt surface"), tolerance))
     return (vertices, faces) if _fault(*simpler) else simpler
 
 
 def _fault(vertices: Floats, faces: Ints) -> str:
-    """Return what keeps the surface, with one vertex for each place, from bounding a solid, in words."""
+    """Return why the surface, with coincident vertices merged, does not bound a solid, or an empty text."""
     places, corners = triangles.merge_coincident(vertices, faces)
     faults = triangles.edge_faults(corners)
     if any(faults):

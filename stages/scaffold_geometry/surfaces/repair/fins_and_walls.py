@@ -1,4 +1,4 @@
-"""Leave out what of a surface bounds nothing: fins that hang on it by an edge, and walls inside of it."""
+"""Remove parts of a surface that bound no solid: fins attached by an edge, and internal walls."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _INSIDE = 0.5
 """Winding number halfway between outside and inside."""
 
 _LOOKED_AT = 50
-"""Faces of a patch at which the winding number about it is taken."""
+"""Faces of a patch at which the winding number is evaluated."""
 
-_FIN = RepairOp("fin_triangles_dropped", "dropped {} triangles of fins that hung on the surface by an edge")
-_WALL = RepairOp("wall_triangles_dropped", "dropped {} triangles of walls inside of it")
+_FIN = RepairOp("fin_triangles_dropped", "dropped {} triangles of fins attached to the surface by an edge")
+_WALL = RepairOp("wall_triangles_dropped", "dropped {} triangles of internal walls")
 
 
 class _Patch(NamedTuple):
-    """A part of the surface between edges of more than two faces: its area, whether it is open, and those edges."""
+    """A part of the surface between edges of more than two faces: its area, whether it is open, and its edges."""
 
     number: int
     area: float
@@ -31,7 +31,7 @@ class _Patch(NamedTuple):
 
 
 def remove_fins_and_internal_walls(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
-    """Return the surface without fins and walls, where that leaves no edge with an odd number of faces."""
+    """Return the surface without fins and internal walls, unless an edge would have an odd number of faces."""
     while True:
         edges = edges_of(faces)
         if (edges.uses <= MANIFOLD).all():
@@ -45,7 +45,7 @@ def remove_fins_and_internal_walls(vertices: Floats, faces: Ints, done: OpCounts
 
 
 def _superfluous(vertices: Floats, faces: Ints, edges: Edges, labels: Ints, done: OpCounts) -> Bools:
-    """Return which faces are of a fin or a wall, (m,): the smallest first, no two of them at one edge."""
+    """Return which faces are in a fin or wall, (m,): smallest first, at most one fin or wall at each edge."""
     gone, taken = np.zeros(len(faces), bool), np.zeros(len(edges.uses), bool)
     for patch in sorted(_candidates(vertices, faces, edges, labels), key=lambda patch: (patch.area, patch.number)):
         is_of_patch = labels == patch.number
@@ -58,7 +58,7 @@ def _superfluous(vertices: Floats, faces: Ints, edges: Edges, labels: Ints, done
 
 
 def _candidates(vertices: Floats, faces: Ints, edges: Edges, labels: Ints) -> list[_Patch]:
-    """Return the patches without which each edge of more than two faces would have an even number."""
+    """Return the patches whose removal would give each of their edges an even number of faces."""
     owner = np.repeat(labels, 3)
     crowded = edges.uses[edges.of] > MANIFOLD
     rims, shares = np.unique(np.column_stack([owner, edges.of])[crowded], axis=0, return_counts=True)
@@ -76,7 +76,7 @@ def _candidates(vertices: Floats, faces: Ints, edges: Edges, labels: Ints) -> li
 
 
 def _is_within(vertices: Floats, faces: Ints, is_of_patch: Bools) -> bool:
-    """Return whether the rest of the surface winds about the patch."""
+    """Return whether the rest of the surface encloses the patch."""
     import igl
 
     others = np.ascontiguousarray(faces[~is_of_patch])

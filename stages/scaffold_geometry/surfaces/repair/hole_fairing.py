@@ -1,4 +1,4 @@
-"""Refine a patch to the density of what surrounds it, and fair it: the second and third step of Liepa (2003)."""
+"""Refine a patch to the density of the mesh around it, and fair it: the second and third step of Liepa (2003)."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from scaffold_geometry.surfaces.edges import Surface, edges_of
 _ROUNDS = 12
 _FLIPS = 30
 _CLOSER = 1.4142135623730951
-"""Liepa's factor: a triangle is split where its centre is farther from the corners than their edges are long."""
+"""Liepa's factor: a triangle is split if its centre is farther from the corners than their mean edge length."""
 
 _MOST = 20_000
-"""Triangles of a refined patch: beside a tiny triangle, a wide hole would take millions."""
+"""Most triangles of a refined patch: next to tiny triangles, a wide hole would need millions."""
 
 
 def refine_patch(vertices: Floats, faces: Ints, patch: Ints) -> Surface:
-    """Return vertices and the patch (k, 3) with triangles as large as those of the `faces` at its rim."""
+    """Return vertices and the patch (k, 3), refined to the triangle size of the `faces` at its rim."""
     scale = _edge_lengths(vertices, faces, patch)
     known = {(int(a), int(b)) for a, b in edges_of(faces).ends}
     patch = _flip_to_delaunay(vertices, patch, known)
@@ -40,7 +40,7 @@ def refine_patch(vertices: Floats, faces: Ints, patch: Ints) -> Surface:
 
 
 def _edge_lengths(vertices: Floats, faces: Ints, patch: Ints) -> Floats:
-    """Return for each vertex of the patch the mean length of the surface's edges at it, (n,), 0 elsewhere."""
+    """Return the mean length of the surface's edges at each vertex of the patch, (n,), 0 elsewhere."""
     of_patch = np.zeros(len(vertices), bool)
     of_patch[patch] = True
     ends = edges_of(faces[of_patch[faces].any(axis=1)]).ends
@@ -51,7 +51,7 @@ def _edge_lengths(vertices: Floats, faces: Ints, patch: Ints) -> Floats:
 
 
 def _flip_to_delaunay(vertices: Floats, patch: Ints, known: set[tuple[int, int]]) -> Ints:
-    """Turn inner edges of the patch whose opposite angles exceed two right ones, unless the new edge is `known`."""
+    """Flip inner edges of the patch whose opposite angles exceed 180 degrees in sum, unless the new edge exists."""
     for _ in range(_FLIPS):
         edges = edges_of(patch)
         order = np.argsort(edges.of, kind="stable")
@@ -75,7 +75,7 @@ def _angle(vertices: Floats, apex: Ints, one: Ints, other: Ints) -> Floats:
 
 
 def _flip_edges(patch: Ints, pairs: list[tuple[int, int]], present: set[tuple[int, int]]) -> tuple[Ints, int]:
-    """Turn the edge between each pair of half-edges, unless a face of it was turned already or the new edge exists."""
+    """Flip the edge of each pair of half-edges, unless one of its faces was changed or the new edge exists."""
     patch, done = patch.copy(), 0
     touched: set[int] = set()
     for one, other in pairs:
@@ -93,10 +93,10 @@ def _flip_edges(patch: Ints, pairs: list[tuple[int, int]], present: set[tuple[in
 
 
 def fair_patch(vertices: Floats, faces: Ints, patch: Ints, first: int) -> Floats:
-    """Return the vertices with the new ones, from `first` on, placed so that patch and `faces` at its rim bend least.
+    """Return the vertices, with the new ones, from `first` on, moved for the least bending of patch and `faces`.
 
-    They solve the thin plate's equation, the Laplacian (cotangent weights) of the Laplacian is zero, so that the patch
-    goes on from the surface with its slope.
+    They solve the thin-plate equation, Laplacian of the Laplacian = 0 (cotangent weights), so that the patch continues
+    the slope of the surface.
     """
     from scipy.sparse.linalg import spsolve
 

@@ -1,6 +1,6 @@
-"""Span a loop with triangles over its own vertices that bend least: the first step of Liepa (2003), see `holes`.
+"""Triangulate a hole over its own vertices with the least bending: the first step of Liepa (2003), see `holes`.
 
-Dynamic programming over all spans i..j of the loop, those of one length at a time.
+Dynamic programming over all spans i..j of the loop, all spans of one length at a time.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from scaffold_geometry.arrays import Bools, Floats, Ints
 from scaffold_geometry.surfaces.edges import edges_of
 
 _NEVER = 1e9
-"""The bend of a span over an edge that the surface has already: bends are 0 to 2."""
+"""The bend of a triangle with an edge that the surface already has; other bends are 0 to 2."""
 
 
 @dataclass(frozen=True)
 class _Spans:
-    """Of each span i..j of the loop: its worst bend, its area, and the middle and normal of the triangle upon it."""
+    """For each span i..j of the loop: the greatest bend, the area, and the apex and normal of its triangle."""
 
     bends: Floats
     areas: Floats
@@ -27,10 +27,10 @@ class _Spans:
 
 
 def triangulate_hole(vertices: Floats, loop: Ints, rim_normals: Floats, near: Ints) -> Ints:
-    """Return triangles over the loop's vertices, (n - 2, 3): least worst bend, then least area.
+    """Return triangles over the loop's vertices, (n - 2, 3), with the smallest greatest bend, then the least area.
 
-    `rim_normals` (n, 3) are those of the surface at each edge of the loop. No new edge is one that the faces `near`
-    have, unless there is no other way.
+    `rim_normals` (n, 3) are the surface's normals at each edge of the loop. A new edge is none of the edges of the
+    faces `near`, unless there is no other triangulation.
     """
     count, points, taken = len(loop), vertices[loop], _find_existing_edges(loop, near)
     square = (count, count)
@@ -44,14 +44,14 @@ def triangulate_hole(vertices: Floats, loop: Ints, rim_normals: Floats, near: In
 
 
 def _span(points: Floats, spans: _Spans, start: Ints, length: int, is_taken: Bools) -> None:
-    """Find the best triangle upon each span of one length, of all the vertices between its ends."""
+    """Find the best triangle for each span of one length, over all vertices between its ends."""
     first, end = start[:, None], start[:, None] + length
     middle = first + np.arange(1, length)
     normals = np.cross(points[middle] - points[first], points[end] - points[first])
     doubled = np.linalg.norm(normals, axis=2)
     normals /= np.maximum(doubled, np.finfo(float).tiny)[..., None]
     beside = [spans.normals[first, middle], spans.normals[middle, end]]
-    if length == len(points) - 1:  # the last triangle lies at the loop's last edge, too
+    if length == len(points) - 1:  # the last triangle is also at the loop's last edge
         beside.append(spans.normals[end, first])
     bends = np.maximum(spans.bends[first, middle], spans.bends[middle, end])
     for neighbour in beside:
@@ -65,13 +65,13 @@ def _span(points: Floats, spans: _Spans, start: Ints, length: int, is_taken: Boo
 
 
 def _least(bends: Floats, areas: Floats) -> Ints:
-    """Return for each row the place of the least bend, and among equals of the least area."""
+    """Return for each row the index of the least bend, and for equal bends of the least area."""
     is_least = bends <= bends.min(axis=1, keepdims=True)
     return np.asarray(np.where(is_least, areas, np.inf).argmin(axis=1), dtype=np.int64)
 
 
 def _find_existing_edges(loop: Ints, faces: Ints) -> Bools:
-    """Return which pairs of the loop's vertices have an edge already, (n, n), but for neighbours on the loop."""
+    """Return which pairs of the loop's vertices already have an edge, (n, n), except neighbours on the loop."""
     count = len(loop)
     taken = np.zeros((count, count), bool)
     order = np.argsort(loop)
@@ -85,7 +85,7 @@ def _find_existing_edges(loop: Ints, faces: Ints) -> Bools:
 
 
 def _list_triangles(middles: Ints) -> Ints:
-    """Return the triangles, as places on the loop, of the best spans within the whole."""
+    """Return the triangles of the best spans of the whole loop, as indices on the loop."""
     found, todo = [], [(0, len(middles) - 1)]
     while todo:
         start, end = todo.pop()

@@ -1,7 +1,8 @@
 """Fill the holes of a surface: P. Liepa, "Filling holes in meshes", Symposium on Geometry Processing (2003) 200-205.
 
-Each hole is spanned by triangles that bend least, these are refined to the density around it and faired. MeshLab's
-`meshing_close_holes` fills flat and leaves half of the broken files open (docs/decisions/libraries.md).
+Each hole is triangulated with the least bending, then the patch is refined to the density around it and faired.
+MeshLab's `meshing_close_holes` makes flat patches and leaves half of the broken files open
+(docs/decisions/libraries.md).
 """
 
 from __future__ import annotations
@@ -17,11 +18,11 @@ from scaffold_geometry.surfaces.repair.hole_fairing import fair_patch, refine_pa
 from scaffold_geometry.surfaces.repair.hole_triangulation import triangulate_hole
 
 LONGEST = 600
-"""Edges of the longest hole that is filled: spanning takes the cube of them, 3 s for these."""
+"""Most edges of a hole that is filled: triangulation takes the cube of their number, 3 s for these."""
 
 
 class FilledHoles(NamedTuple):
-    """The surface with patches behind its own `vertices` and `faces`; `patches` (k,) the hole of each new face."""
+    """The surface with patches after its own `vertices` and `faces`; `patches` (k,) is the hole of each new face."""
 
     vertices: Floats
     faces: Ints
@@ -30,12 +31,12 @@ class FilledHoles(NamedTuple):
 
 
 def fill_holes(vertices: Floats, faces: Ints) -> FilledHoles:
-    """Fill all holes of up to `LONGEST` edges of a consistently wound surface; it keeps its vertices and faces."""
+    """Fill all holes of up to `LONGEST` edges of a consistently oriented surface; its vertices and faces stay."""
     loops = _loops(vertices, faces)
     short = [loop for loop in loops if len(loop) <= LONGEST]
     if not short:
         return FilledHoles(vertices, faces, np.empty(0, np.int64), len(loops))
-    # what lies at a rim is all that filling needs to know
+    # only the faces at a rim affect the filling
     near = _faces_at(faces, np.concatenate(short), len(vertices))
     normals, patches = _rim_normals(vertices, near), []
     for loop in short:
@@ -56,10 +57,10 @@ def _faces_at(faces: Ints, loop: Ints, count: int) -> Ints:
 
 
 def _loops(vertices: Floats, faces: Ints) -> list[Ints]:
-    """Return the rims of the holes, each once around and no vertex twice, in the direction that a patch walks them."""
+    """Return the rims of the holes as simple loops, in the direction of the half-edges of a patch."""
     edges = edges_of(faces)
     rim = np.flatnonzero(edges.net)
-    # where the surface walks up an edge once too often, a patch has to walk down
+    # a patch needs the half-edges opposite to the surplus ones of the surface
     ends = np.where(edges.net[rim, None] > 0, edges.ends[rim, ::-1], edges.ends[rim])
     ways: dict[int, list[int]] = {}
     for tail, head in np.repeat(ends, np.abs(edges.net[rim]), axis=0).tolist():
@@ -72,7 +73,7 @@ def _loops(vertices: Floats, faces: Ints) -> list[Ints]:
 
 
 def _walk_loops(vertices: Floats, ways: dict[int, list[int]], start: int) -> list[list[int]]:
-    """Walk from `start` until there is no way on, and cut a loop off wherever the path comes back to itself."""
+    """Walk from `start` until the path ends, and split off a loop whenever it returns to one of its vertices."""
     path, places, loops = [start], {start: 0}, []
     while ways.get(path[-1]):
         choices = ways[path[-1]]
@@ -91,7 +92,7 @@ def _walk_loops(vertices: Floats, ways: dict[int, list[int]], start: int) -> lis
 
 
 def _narrowest(vertices: Floats, before: int, at: int, choices: list[int]) -> int:
-    """Return the way on that makes the least angle with the way back: the other side of the same gap."""
+    """Return the next vertex with the least angle to the last edge: the other side of the same gap."""
     back = vertices[before] - vertices[at]
     ahead = vertices[choices] - vertices[at]
     cosines = ahead @ back / (np.linalg.norm(ahead, axis=1) * np.linalg.norm(back))

@@ -1,4 +1,4 @@
-"""What a repair did to a surface, in words and by number."""
+"""The log of a repair, in words and numbers."""
 
 from __future__ import annotations
 
@@ -9,32 +9,32 @@ from typing import NamedTuple, TypeAlias
 from scaffold_pipeline.artifacts import Fact, Metric
 
 METRICS = (
-    Metric("repair_mode", "", "Repair", "How far the repair of the input was allowed to go.", ""),
-    Metric("repair_grid_mm", "mm", "Repair, grid", "Voxels of the surface that was built anew.", ""),
-    Metric("repair_{what}", "", "Repair, {what}", "How often this was done to the input, or how far it moved it.", ""),
+    Metric("repair_mode", "", "Repair", "The repair mode of the input.", ""),
+    Metric("repair_grid_mm", "mm", "Repair, grid", "Voxel size of the rebuilt surface.", ""),
+    Metric("repair_{what}", "", "Repair, {what}", "Number of these repairs of the input, or distance moved.", ""),
 )
-"""What the facts of a log are told as, each with `repair_` before its name."""
+"""The metrics of a log's facts, each with the prefix `repair_`."""
 
 
 class RepairOp(NamedTuple):
-    """What can be done: the name of the fact that counts it, and a sentence with a `{}` for the number."""
+    """A repair: the name of the fact that counts it, and a sentence with a `{}` for the number."""
 
     name: str
-    said: str
+    note: str
 
 
 MERGED = RepairOp("vertices_merged", "merged {} coincident vertices")
 TWICE = RepairOp("triangles_of_two_corners_dropped", "dropped {} triangles that use a vertex twice")
 DOUBLE = RepairOp("duplicate_triangles_dropped", "dropped {} duplicate triangles")
-TURNED = RepairOp("triangles_turned", "turned {} triangles that were wound against their neighbours")
+TURNED = RepairOp("triangles_turned", "reoriented {} triangles to agree with their neighbours")
 
 OpCounts: TypeAlias = Counter[RepairOp]
-"""How often what was done."""
+"""Number of each repair."""
 
 
 @dataclass(frozen=True)
 class RepairLog:
-    """What was done: in words, how often by the name of the fact, and what was measured of it."""
+    """The repairs in words, their numbers by the name of the fact, and further measured facts."""
 
     notes: list[str] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
@@ -42,22 +42,22 @@ class RepairLog:
 
     @property
     def facts(self) -> dict[str, Fact]:
-        """What was counted and measured."""
+        """The counts and measured facts."""
         return {**self.counts, **self.measures}
 
     def count(self, op: RepairOp, number: int) -> None:
-        """Note what was done so many times, unless that is none."""
+        """Add a repair that was done `number` times, unless it is 0."""
         if number:
-            self.notes.append(op.said.format(number))
+            self.notes.append(op.note.format(number))
             self.counts[op.name] += number
 
     def count_all(self, done: OpCounts) -> None:
-        """Note all that was done."""
+        """Add several repairs."""
         for op, number in done.items():
             self.count(op, number)
 
     def add(self, other: RepairLog) -> None:
-        """Take over what another log has; counts add up."""
+        """Add the entries of another log; counts are summed."""
         self.notes.extend(other.notes)
         self.counts.update(other.counts)
         self.measures.update(other.measures)

@@ -1,4 +1,4 @@
-"""Mend what of a triangle mesh is not as it was meant: split vertices, cracks, and faces that are double or flat.
+"""Clean a triangle mesh: merge vertices, close cracks, and remove duplicate and flat faces.
 
 No vertex is moved by more than the rounding of the file.
 """
@@ -15,19 +15,19 @@ from scaffold_geometry.surfaces.edges import MANIFOLD, Surface, components, edge
 from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TWICE, OpCounts, RepairOp
 
 _ROUNDS = 20
-"""Cutting a face can leave another flat one beside it; a chain of them takes a round each."""
+"""Most rounds: splitting a face can make a neighbour flat, and a chain of such faces takes one round each."""
 
 _MOST_OPEN = 200_000
-"""Open vertices up to which it is looked for such as lie on an edge: more are shreds, to be rebuilt."""
+"""Most open vertices tested against open edges: a surface with more is to be rebuilt."""
 
-_WELDED = RepairOp("vertices_welded", "welded {} vertices along cracks that the file's rounding explains")
-_STITCHED = RepairOp("triangles_cut", "cut {} triangles at vertices that lay on their open edge")
+_WELDED = RepairOp("vertices_welded", "merged {} vertices along cracks within the file's rounding")
+_STITCHED = RepairOp("triangles_cut", "split {} triangles at vertices on their open edge")
 _COLLAPSED = RepairOp("triangles_without_area_collapsed", "collapsed {} triangles without area")
-_FOLDED = RepairOp("folded_triangles_dropped", "dropped {} triangles of walls that the file has both ways round")
+_FOLDED = RepairOp("folded_triangles_dropped", "dropped {} triangles of walls present in both orientations")
 
 
 def merge_vertices(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
-    """Return the surface with one vertex for each place, without what then is no triangle or is not used."""
+    """Return the surface with coincident vertices merged, without degenerate faces and unused vertices."""
     count = len(vertices)
     vertices, faces = triangles.merge_coincident(vertices, faces)
     done[MERGED] += count - len(vertices)
@@ -36,10 +36,10 @@ def merge_vertices(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
 
 
 def clean_mesh(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
-    """Return a merged surface without cracks, double faces, and flat faces.
+    """Return a merged surface without cracks, duplicate faces and flat faces.
 
-    A flat triangle between three places is not simply left out, which would open a crack: its neighbour over the
-    longest side is cut at the vertex opposite.
+    Removing a flat triangle alone would open a crack, so its neighbour over the longest side is split at the opposite
+    vertex.
     """
     reach = rounding(vertices)
     for _ in range(_ROUNDS):
@@ -60,7 +60,7 @@ def _without(faces: Ints, bad: Bools, op: RepairOp, done: OpCounts) -> Ints:
 
 
 def _without_doubles(faces: Ints, done: OpCounts) -> Ints:
-    """Keep one of several faces on the same corners; none where they are there both ways, as inner walls are."""
+    """Keep one of several faces with the same corners; none if they have both orientations, as internal walls have."""
     if not triangles.duplicate_faces(faces).any():
         return faces
     corners, group = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True)
@@ -69,7 +69,7 @@ def _without_doubles(faces: Ints, done: OpCounts) -> Ints:
     net = np.bincount(group, weights=ways, minlength=len(corners)).astype(np.int64)
     copies = np.bincount(group)
     wanted = np.where(net[group] == 0, ways[np.unique(group, return_index=True)[1]][group], np.sign(net[group]))
-    # of each group the first that is wound as most of it are
+    # of each group the first face with the orientation of most
     candidates = np.flatnonzero(ways == wanted)
     first = candidates[np.unique(group[candidates], return_index=True)[1]]
     one_each = faces[np.sort(first)]
@@ -81,15 +81,15 @@ def _without_doubles(faces: Ints, done: OpCounts) -> Ints:
 
 
 def _determinants(faces: Ints) -> Ints:
-    """Return for each face the sign by which its corners are permuted from rising order, times some number."""
+    """Return for each face a number with the sign of the permutation of its corners from ascending order."""
     a, b, c = faces.T
     return np.asarray(np.sign(b - a) * np.sign(c - a) * np.sign(c - b))
 
 
 def _closes_something(faces: Ints, is_asked: Bools) -> Bools:
-    """Return which of the faces asked for stand alone or leave fewer edges of an odd number of faces, (m,).
+    """Return which faces of `is_asked` reduce the edges with an odd number of faces, or are isolated, (m,).
 
-    Faces that share an edge are judged together.
+    Faces that share an edge are tested together.
     """
     edges = edges_of(faces)
     asked_edges = edges.of.reshape(-1, 3)[is_asked]
@@ -110,7 +110,7 @@ def _closes_something(faces: Ints, is_asked: Bools) -> Bools:
 
 
 def _weld_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
-    """Join vertices of open edges that lie within `reach`; the first of them stays."""
+    """Merge vertices of open edges within `reach` of each other into the first of them."""
     rim = open_vertices(edges_of(faces))
     if len(rim) < MANIFOLD:
         return faces
@@ -123,7 +123,7 @@ def _weld_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts) 
 
 
 def _join_vertices(faces: Ints, one: Ints, other: Ints, count: int, op: RepairOp, done: OpCounts) -> Ints:
-    """Let faces use, of vertices that are paired, the first; faces that then use one twice go."""
+    """Replace the second vertex of each pair by the first; remove faces that then use a vertex twice."""
     label = components(one, other, count)
     first = np.full(count, count)
     np.minimum.at(first, label, np.arange(count))
@@ -134,7 +134,7 @@ def _join_vertices(faces: Ints, one: Ints, other: Ints, count: int, op: RepairOp
 
 
 def _without_flats(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
-    """Take out flat faces: join two corners at one place, or cut the neighbours where a corner lies on their edge."""
+    """Remove flat faces: merge two coincident corners, or split the neighbour that has a corner on its edge."""
     flat = np.flatnonzero(triangles.flat_faces(vertices, faces))
     if not len(flat):
         return faces
@@ -158,7 +158,7 @@ def _without_flats(vertices: Floats, faces: Ints, reach: float, done: OpCounts) 
 
 
 def _split_faces(faces: Ints, cuts: dict[int, list[int]], gone: Ints) -> Ints:
-    """Return the faces without `gone`, those of `cuts` cut from the vertices on a half-edge to the corner opposite."""
+    """Return the faces without `gone`, those of `cuts` split from vertices on a half-edge to the opposite corner."""
     kept = np.ones(len(faces), bool)
     kept[gone] = False
     new: list[tuple[int, int, int]] = []
@@ -171,7 +171,7 @@ def _split_faces(faces: Ints, cuts: dict[int, list[int]], gone: Ints) -> Ints:
 
 
 def _stitch_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts) -> Ints:
-    """Cut open edges at the open vertices that lie on them within `reach`: a coarser side meets a finer one."""
+    """Split open edges at open vertices within `reach` of them: a coarser side meets a finer one."""
     edges = edges_of(faces)
     rim = open_vertices(edges)
     if not 0 < len(rim) <= _MOST_OPEN:
@@ -194,7 +194,7 @@ def _stitch_boundary(vertices: Floats, faces: Ints, reach: float, done: OpCounts
 
 
 def _on_segment(vertices: Floats, candidates: Ints, tail: int, head: int, reach: float) -> Ints:
-    """Return which candidates lie on the segment between two vertices, from tail to head."""
+    """Return the candidates on the segment between two vertices, from tail to head."""
     along = vertices[head] - vertices[tail]
     length = float(np.linalg.norm(along))
     arms = vertices[candidates] - vertices[tail]

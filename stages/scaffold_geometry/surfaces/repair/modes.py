@@ -1,4 +1,4 @@
-"""The two repairs of a surface: mend what is broken in it, or rebuild it as the boundary of what it winds about."""
+"""The two repairs of a surface: repair its defects, or rebuild it as the boundary of what it encloses."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import Arrays, call_in_child
 
 _TORN = 0.3
-"""Share of open edges from which a surface is a heap of triangles rather than one with holes."""
+"""Share of open edges above which holes are not filled: the triangles are hardly connected."""
 
 _FINEST, _COARSEST = 250.0, 50.0
-"""Samples along the diagonal, at most (a minute or two of computing) and at least."""
+"""Most (one or two minutes of computing) and fewest samples along the diagonal."""
 
 _PER_TOLERANCE = 2.0
-"""Samples to the tolerance: the surface is found to a fraction of the distance between them."""
+"""Samples per tolerance: the surface is found to a fraction of the distance between samples."""
 
 _INSIDE = 0.5
 """Winding number halfway between outside and inside."""
 
 
-_PIECES = RepairOp("pieces_turned", "turned {} pieces that faced inward")
+_PIECES = RepairOp("pieces_turned", "reoriented {} pieces that faced inward")
 _TOO_LONG = RepairOp("holes_left", f"left {{}} holes of more than {holes.LONGEST} edges open")
 
 
 class Repaired(NamedTuple):
-    """A repaired surface and what was done."""
+    """A repaired surface and its log."""
 
     vertices: Floats
     faces: Ints
@@ -42,7 +42,7 @@ class Repaired(NamedTuple):
 
 
 def repair_surface(vertices: Floats, faces: Ints) -> Repaired:
-    """Mend a surface of one vertex a place without moving what is sound in it; what cannot be mended stays as it is."""
+    """Repair the defects of a surface with distinct vertices; its sound parts and other defects are not changed."""
     done, log = Counter[RepairOp](), RepairLog()
     vertices, faces = _prepare(vertices, faces, done)
     vertices, faces, filling = _fill(vertices, faces)
@@ -53,11 +53,10 @@ def repair_surface(vertices: Floats, faces: Ints) -> Repaired:
 
 
 def rebuild_surface(vertices: Floats, faces: Ints, tolerance: float, name: str) -> Repaired:
-    """Return the boundary of what a surface of one vertex a place winds about.
+    """Return the boundary of what a surface with distinct vertices encloses.
 
-    Where its holes can be filled, its triangles are cut where they cross, and what bounds the inside stays exactly
-    where it was. Of what cannot be filled or cut, the winding number is sampled on a grid; raises `StageError` where
-    that finds no inside either.
+    If its holes can be filled, its triangles are cut where they cross, and the boundary of the inside is kept exactly.
+    Otherwise the winding number is sampled on a grid. Raises `StageError` if there is no inside either.
     """
     done, log = Counter[RepairOp](), RepairLog()
     vertices, faces = _prepare(vertices, faces, done)
@@ -75,7 +74,7 @@ def rebuild_surface(vertices: Floats, faces: Ints, tolerance: float, name: str) 
             about=_CUT,
         )
         log.add(closing)
-        how = "rebuilt by cutting it where it crosses itself and keeping the boundary of what it winds about"
+        how = "rebuilt by cutting it where it crosses itself and keeping the boundary of what it encloses"
     except StageError as error:
         answer, spacing = _rebuild_on_grid(vertices, faces, tolerance, seconds, name)
         reason = str(error).removesuffix(f"; {_CUT}")
@@ -90,7 +89,7 @@ _CUT = "in cutting it where it crosses itself"
 
 
 def _prepare(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
-    """Mend what is local, leave out what bounds nothing, and make neighbours agree on their outside."""
+    """Clean the mesh, remove fins and internal walls, and orient faces consistently."""
     vertices, faces = mend.clean_mesh(vertices, faces, done)
     vertices, faces = fins_and_walls.remove_fins_and_internal_walls(vertices, faces, done)
     turn = triangles.consistent_winding(faces).turn
@@ -99,7 +98,7 @@ def _prepare(vertices: Floats, faces: Ints, done: OpCounts) -> Surface:
 
 
 def _fill(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, RepairLog]:
-    """Return the surface with its holes filled, but for long ones; a heap of triangles as it is."""
+    """Return the surface with its holes filled, except long ones; unchanged if too many edges are open."""
     log = RepairLog()
     share = float((edges_of(faces).uses == 1).mean()) if len(faces) else 0.0
     if share > _TORN:
@@ -113,7 +112,7 @@ def _fill(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, RepairLog]:
 
 
 def _close(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, RepairLog]:
-    """Return the surface filled and each piece of it outward; raises `StageError` where it cannot be closed."""
+    """Return the surface filled and each piece oriented outward; raises `StageError` if it cannot be closed."""
     vertices, faces, log = _fill(vertices, faces)
     left = int((edges_of(faces).net != 0).sum())
     if left:
@@ -124,7 +123,7 @@ def _close(vertices: Floats, faces: Ints) -> tuple[Floats, Ints, RepairLog]:
 
 
 def _outward(vertices: Floats, faces: Ints) -> tuple[Ints, int]:
-    """Return the faces of closed pieces turned outward, but for cavities: pieces wound against one about them."""
+    """Return the faces with closed pieces oriented outward, except cavities: opposite to the piece around them."""
     import igl
 
     pieces = triangles.face_pieces(faces)
@@ -152,6 +151,6 @@ def _rebuild_on_grid(
         {"vertices": vertices, "faces": faces},
         {"spacing": spacing},
         seconds=2.0 * seconds,
-        about=f"{name} cannot be rebuilt: mend it where it was made, or load a surface that bounds a body",
+        about=f"{name} cannot be rebuilt: repair it in another program, or load a surface that bounds a body",
     )
     return answer, spacing

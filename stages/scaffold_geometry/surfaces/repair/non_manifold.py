@@ -1,4 +1,4 @@
-"""Part a surface where it touches itself, if it can be."""
+"""Split a surface where it touches itself, if possible."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from scaffold_geometry.surfaces.repair.log import OpCounts, RepairOp
 from scaffold_geometry.surfaces.repair.vertex_splitting import split_non_manifold
 from scaffold_pipeline.errors import StageError
 
-_EDGES = RepairOp("edges_parted", "parted {} edges where the surface touched itself")
-_VERTICES = RepairOp("vertices_parted", "parted {} vertices where the surface touched itself")
+_EDGES = RepairOp("edges_parted", "split {} edges where the surface touched itself")
+_VERTICES = RepairOp("vertices_parted", "split {} vertices where the surface touched itself")
 
 
 def try_split_non_manifold(vertices: Floats, faces: Ints, done: OpCounts | None = None) -> Surface:
-    """Return a closed surface whose every edge has two faces and every vertex one fan; the same where that fails."""
+    """Return a closed surface with two faces at every edge and one fan at every vertex; unchanged if this fails."""
     faults = triangles.edge_faults(faces)
     if not faults.non_manifold and not triangles.touching_vertices(faces):
         return vertices, faces
-    # Parting goes into the solid, which must be on the inner side.
+    # Splitting moves vertices into the solid, which must be on the inner side.
     is_inverted = float(triangles.piece_volumes(vertices, faces, faces[:, 0] * 0).sum()) < 0.0
     try:
         found = split_non_manifold(vertices, faces[:, ::-1] if is_inverted else faces)

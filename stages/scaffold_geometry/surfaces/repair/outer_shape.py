@@ -1,4 +1,4 @@
-"""From the triangles of a file to the closed, outward boundary of a solid; nothing else passes."""
+"""From the triangles of a file to the closed, outward boundary of a solid; anything else is an error."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError, warn
 from scaffold_pipeline.processes.isolation import call_in_child
 
-_BY_HAND = "mend it, for instance in MeshLab or Blender, and load it again"
+_BY_HAND = "repair it, for instance in MeshLab or Blender, and load it again"
 _REMEDIES = {
     "none": f"set `repair: safe` or `repair: rebuild`, or {_BY_HAND}",
     "safe": f"set `repair: rebuild`, or {_BY_HAND}",
     "rebuild": _BY_HAND,
 }
 _TOLERANCE = 0.01
-"""Share of the diagonal by which a repair may move the surface unless told otherwise: in scans, a pinhole but not an
-open end. Rebuilding alone, without a hole, moves it by a ten thousandth."""
+"""Default tolerance of a repair, as a share of the diagonal: in scans it allows a pinhole, not an open end. Rebuilding
+a surface without holes moves it by a ten thousandth."""
 _SAMPLES = 5.0
-"""Samples to the tolerance, of the distance between what was read and what was made of it."""
+"""Samples per tolerance, for the distance between the original and the repaired surface."""
 _WORTH_A_WARNING = 0.1
-"""A dropped piece of this share of the volume kept is hardly debris."""
+"""Share of the kept volume above which a dropped piece is reported, as it is hardly debris."""
 _FLAT = 1e-9
-"""Volume over area to the power 3/2 (0.09 for a ball) below which a closed surface bounds but a sheet."""
+"""Volume over area to the power 3/2 (0.09 for a ball) below which a closed surface is only a folded sheet."""
 
 _FLATS = RepairOp("triangles_without_area_dropped", "dropped {} triangles without area")
 _UNUSED = RepairOp("vertices_dropped", "dropped {} vertices that no triangle uses")
 _ALL = RepairOp("pieces_kept", "kept all of {} pieces")
 _CAVITIES = RepairOp("cavities", "{} pieces are cavities")
-_WRONG_WAY = RepairOp("pieces_turned", "turned {} pieces that faced the wrong way")
+_WRONG_WAY = RepairOp("pieces_turned", "reoriented {} pieces that faced the wrong way")
 
 
 @dataclass(frozen=True)
 class RepairRules:
     """How a surface may be repaired; see the parameters of `load_surface`, which have the same names.
 
-    `name` is what messages call the surface, `tolerance` mm; None for 1 % of the diagonal.
+    `name` is the name of the surface in messages; `tolerance` is in mm, None for 1 % of the diagonal.
     """
 
     name: str
@@ -55,11 +55,10 @@ class RepairRules:
 
 
 def make_outer_shape(vertices: Floats, faces: Ints, rules: RepairRules, notes: Iterable[str] = ()) -> OuterShape:
-    """Return the surface repaired and turned outward, with what was done in its notes and facts.
+    """Return the surface repaired and oriented outward, with the repairs in its notes and facts.
 
-    `vertices` (n, 3) mm, `faces` (m, 3); `notes` tell what was done before. A `StageError` tells of a repair that
-    moves more than the tolerance, and of a surface that still is open, non-manifold, one-sided, flat or passes
-    through itself.
+    `vertices` (n, 3) mm, `faces` (m, 3); `notes` are earlier notes. Raises `StageError` if a repair moves the surface
+    by more than the tolerance, or if it still is open, non-manifold, one-sided, flat or self-intersecting.
     """
     read: Surface = (vertices, faces)
     log = RepairLog([*notes], measures={"mode": rules.repair})
@@ -83,7 +82,7 @@ def make_outer_shape(vertices: Floats, faces: Ints, rules: RepairRules, notes: I
 
 
 def _clean(vertices: Floats, faces: Ints, log: RepairLog) -> tuple[Floats, Ints]:
-    """Merge coincident vertices; drop collapsed, repeated and flat faces and what then is not used."""
+    """Merge coincident vertices; remove degenerate, duplicate and flat faces and unused vertices."""
     count = len(vertices)
     vertices, faces = triangles.merge_coincident(vertices, faces)
     log.count(MERGED, count - len(vertices))
@@ -102,7 +101,7 @@ def _without(faces: Ints, bad: Bools, op: RepairOp, log: RepairLog) -> Ints:
 
 
 def _merge(vertices: Floats, faces: Ints, log: RepairLog) -> Surface:
-    """Give the surface one vertex for each place."""
+    """Merge coincident vertices."""
     done = Counter[RepairOp]()
     vertices, faces = mend.merge_vertices(vertices, faces, done)
     log.count_all(done)
@@ -110,7 +109,7 @@ def _merge(vertices: Floats, faces: Ints, log: RepairLog) -> Surface:
 
 
 def _repair(vertices: Floats, faces: Ints, rules: RepairRules, log: RepairLog) -> Surface:
-    """Mend or rebuild a surface."""
+    """Repair or rebuild a surface."""
     if rules.repair == "safe":
         found = modes.repair_surface(vertices, faces)
     else:
@@ -125,7 +124,7 @@ def _tolerance(rules: RepairRules, vertices: Floats) -> float:
 
 
 def _require_near(read: Surface, whole: Surface, kept: Surface, rules: RepairRules, log: RepairLog) -> None:
-    """Note what the repair did in numbers, and refuse it where it moved the surface too far."""
+    """Log how far the repair moved the surface, and require that this is within the tolerance."""
     allowed = _tolerance(rules, kept[0])
     moved = displacement.measure_displacement(read, whole, kept, allowed / _SAMPLES)
     name, farthest = rules.name, max(moved.lost, moved.gained, key=lambda side: side.distance)
@@ -142,32 +141,32 @@ def _require_near(read: Surface, whole: Surface, kept: Surface, rules: RepairRul
         area_inside_mm2=moved.inner,
     )
     if farthest.distance == 0.0:
-        log.notes.append(f"repair {rules.repair}: no place of the surface moved")
+        log.notes.append(f"repair {rules.repair}: no part of the surface moved")
         return
     log.notes.append(
-        f"repair {rules.repair}: what was read lies at most {moved.lost.distance:.3g} mm from the result, the result "
-        f"at most {moved.gained.distance:.3g} mm from what was read (tolerance {allowed:.3g} mm); volume {volume:.6g} "
+        f"repair {rules.repair}: the original is at most {moved.lost.distance:.3g} mm from the result, the result "
+        f"at most {moved.gained.distance:.3g} mm from the original (tolerance {allowed:.3g} mm); volume {volume:.6g} "
         f"to {new_volume:.6g} mm^3, area {area:.6g} to {new_area:.6g} mm^2"
-        + (f", {moved.inner:.3g} mm^2 that lay inside left out" if moved.inner else "")
+        + (f", {moved.inner:.3g} mm^2 inside the solid removed" if moved.inner else "")
     )
     if farthest.distance > allowed:
         at = farthest.place
-        what = "a filled hole or a new place" if farthest is moved.gained else "a part that was left out"
+        what = "a filled hole or a new part" if farthest is moved.gained else "a part that was removed"
         raise StageError(
             f"{name}: repair {rules.repair} moves the surface by {farthest.distance:.3g} mm ({what} at {at[0]:.4g}, "
-            f"{at[1]:.4g}, {at[2]:.4g} mm), more than the tolerance of {allowed:.3g} mm; look whether that is right, "
+            f"{at[1]:.4g}, {at[2]:.4g} mm), more than the tolerance of {allowed:.3g} mm; check this place, "
             f"then set `tolerance: {_rounded_up(farthest.distance):g}`, or {_BY_HAND} [{'; '.join(log.notes)}]"
         )
 
 
 def _rounded_up(value: float) -> float:
-    """Return a number of two digits above `value`."""
+    """Return `value` rounded up to two digits."""
     step = 10.0 ** (np.floor(np.log10(value)) - 1.0)
     return float(np.ceil(1.02 * value / step) * step)
 
 
 def _volume_and_area(vertices: Floats, faces: Ints) -> tuple[float, float]:
-    """Return what all pieces enclose, each as if closed and outward, and their area."""
+    """Return the volume of all pieces, each as if closed and outward, and their area."""
     faces = triangles.turn_faces(faces, triangles.consistent_winding(faces).turn)
     volumes = triangles.piece_volumes(vertices, faces, triangles.face_pieces(faces))
     return float(np.abs(volumes).sum()), float(triangles.face_areas(vertices, faces).sum())
@@ -175,11 +174,11 @@ def _volume_and_area(vertices: Floats, faces: Ints) -> tuple[float, float]:
 
 def _require_some(faces: Ints, rules: RepairRules, notes: list[str]) -> None:
     if not len(faces):
-        raise StageError(f"{rules.name}: no triangle is left of it ({'; '.join(notes)}); {_BY_HAND}")
+        raise StageError(f"{rules.name}: has no triangles left ({'; '.join(notes)}); {_BY_HAND}")
 
 
 def _orient(vertices: Floats, faces: Ints, log: RepairLog) -> tuple[Ints, Ints]:
-    """Make neighbours agree; return the faces and the piece of each, pieces by falling volume."""
+    """Orient faces consistently; return the faces and the piece of each, pieces in descending order of volume."""
     winding = triangles.consistent_winding(faces)
     log.count(TURNED, int(winding.turn.sum()))
     faces = triangles.turn_faces(faces, winding.turn)
@@ -193,7 +192,7 @@ def _orient(vertices: Floats, faces: Ints, log: RepairLog) -> tuple[Ints, Ints]:
 
 
 def _chosen(vertices: Floats, faces: Ints, pieces: Ints, rules: RepairRules, log: RepairLog) -> tuple[Ints, Ints]:
-    """Keep the largest piece, unless all are asked for."""
+    """Keep the largest piece, or all if requested."""
     count = int(pieces.max()) + 1
     if rules.component == "all" or count == 1:
         log.count(_ALL, count if count > 1 else 0)
@@ -203,47 +202,47 @@ def _chosen(vertices: Floats, faces: Ints, pieces: Ints, rules: RepairRules, log
     log.measures["pieces_dropped"] = len(volumes) - 1
     log.notes.append(
         f"kept the largest of {len(volumes)} pieces ({volumes[0]:.6g} mm^3) and dropped {len(volumes) - 1} "
-        f"({int((~kept).sum())} triangles, the greatest {volumes[1]:.6g} mm^3)"
+        f"({int((~kept).sum())} triangles, the largest {volumes[1]:.6g} mm^3)"
     )
     if volumes[1] > _WORTH_A_WARNING * volumes[0]:
         warn(
-            f"{rules.name}: dropped a piece of {volumes[1]:.6g} mm^3 beside the largest of {volumes[0]:.6g} "
+            f"{rules.name}: dropped a piece of {volumes[1]:.6g} mm^3; the largest, kept, has {volumes[0]:.6g} "
             "mm^3; set `component: all` to keep every piece"
         )
     return faces[kept], pieces[kept]
 
 
 def _require_closed(faces: Ints, rules: RepairRules, notes: list[str]) -> None:
-    """Refuse a surface that is open, touches itself at an edge or a vertex, or has one side only."""
+    """Require that a surface is closed, does not touch itself at an edge or vertex, and is orientable."""
     faults = triangles.edge_faults(faces)
-    said = [
+    faulty = [
         f"it is open ({faults.boundary} boundary edges)" if faults.boundary else "",
         f"{faults.non_manifold} edges have more than two faces" if faults.non_manifold else "",
     ]
-    if not any(said) and faults.misoriented and not triangles.consistent_winding(faces).orientable:
-        said = ["it has one side only, like a Moebius strip"]
-    touching = 0 if any(said) else triangles.touching_vertices(faces)
+    if not any(faulty) and faults.misoriented and not triangles.consistent_winding(faces).orientable:
+        faulty = ["it is not orientable, like a Moebius strip"]
+    touching = 0 if any(faulty) else triangles.touching_vertices(faces)
     if touching:
-        said = [f"it touches itself at {touching} vertices"]
-    if any(said):
-        found = " and ".join(filter(None, said))
+        faulty = [f"it touches itself at {touching} vertices"]
+    if any(faulty):
+        found = " and ".join(filter(None, faulty))
         remedy = _REMEDIES[rules.repair]
         raise StageError(f"{rules.name}: does not bound a solid: {found}; {remedy} [{'; '.join(notes)}]")
 
 
 def _outward(vertices: Floats, faces: Ints, pieces: Ints, rules: RepairRules, log: RepairLog) -> Ints:
-    """Turn bodies outward and cavities inward.
+    """Orient bodies outward and cavities inward.
 
-    A piece that the file winds against the piece it lies in is a cavity of it (or a body in a cavity).
+    A piece with the opposite orientation of the piece around it is a cavity of it (or a body in a cavity).
     """
     volumes = triangles.piece_volumes(vertices, faces, pieces)
     depth, container = _nesting(vertices, faces, pieces)
     same = [k for k, c in enumerate(container) if c >= 0 and (volumes[k] > 0) == (volumes[c] > 0)]
     if same:
         raise StageError(
-            f"{rules.name}: {len(same)} of {len(volumes)} pieces lie inside another and face the same way, "
-            "so they are neither its cavities nor apart from it; set `component: largest`, `repair: rebuild` to make "
-            "them part of it, or turn them inward"
+            f"{rules.name}: {len(same)} of {len(volumes)} pieces are inside another with the same orientation, "
+            "so they are neither cavities nor separate; set `component: largest`, or `repair: rebuild` to unite "
+            "them with it, or orient them inward"
         )
     log.count(_CAVITIES, int((depth % 2 == 1).sum()))
     turned = (volumes > 0) == (depth % 2 == 1)
@@ -252,11 +251,11 @@ def _outward(vertices: Floats, faces: Ints, pieces: Ints, rules: RepairRules, lo
 
 
 def _nesting(vertices: Floats, faces: Ints, pieces: Ints) -> tuple[Ints, Ints]:
-    """Return for each piece how many contain it, and the smallest that does or -1, (k,) and (k,)."""
+    """Return for each piece the number of pieces around it, and the smallest of these or -1, (k,) and (k,)."""
     parts = [faces[pieces == k] for k in range(int(pieces.max()) + 1)]
     depth, container = np.zeros(len(parts), dtype=np.int64), np.full(len(parts), -1)
     for inner, part in enumerate(parts):
-        # Pieces fall in volume: only an earlier one can contain this one, and the last that does is the smallest.
+        # In descending order of volume only an earlier piece can contain this one; the last such is the smallest.
         for outer in range(inner):
             if _contains(vertices, parts[outer], part):
                 depth[inner] += 1
@@ -265,20 +264,20 @@ def _nesting(vertices: Floats, faces: Ints, pieces: Ints) -> tuple[Ints, Ints]:
 
 
 def _contains(vertices: Floats, outer: Ints, inner: Ints) -> bool:
-    """Return whether closed surface `outer` winds about `inner`, which does not pass through it."""
+    """Return whether closed surface `outer` encloses `inner`, which does not cross it."""
     corners, box = vertices[inner], vertices[outer]
     if (corners.min(axis=(0, 1)) < box.min(axis=(0, 1))).any() or (
         corners.max(axis=(0, 1)) > box.max(axis=(0, 1))
     ).any():
         return False
-    # A few points, as one may be where the two touch.
+    # Several points, as one may be where the two touch.
     points = corners[:: -(-len(inner) // 5)].mean(axis=1)
     windings = [abs(triangles.winding_number(point, vertices, outer)) for point in points]
     return bool(np.median(windings) > 0.5)  # halfway between outside and inside
 
 
 def _require_volume(vertices: Floats, faces: Ints, pieces: Ints, rules: RepairRules) -> None:
-    """Refuse pieces whose volume is nothing beside their area, as is that of a sheet folded onto itself."""
+    """Require that no piece is flat, with a negligible volume for its area, as a sheet folded onto itself."""
     volumes = np.abs(triangles.piece_volumes(vertices, faces, pieces))
     areas = np.bincount(pieces, weights=triangles.face_areas(vertices, faces))
     flat = int((volumes <= _FLAT * areas**1.5).sum())
@@ -290,7 +289,7 @@ def _require_volume(vertices: Floats, faces: Ints, pieces: Ints, rules: RepairRu
 
 
 def _require_no_crossing(vertices: Floats, faces: Ints, rules: RepairRules) -> None:
-    """Refuse a surface that passes through itself or lies upon itself."""
+    """Require that a surface does not intersect or overlap itself."""
     name, remedy = rules.name, _REMEDIES[rules.repair]
     found = call_in_child(
         self_intersections.find_self_intersections,
@@ -302,6 +301,6 @@ def _require_no_crossing(vertices: Floats, faces: Ints, rules: RepairRules) -> N
     if len(found):
         at = vertices[faces[found[0]]].mean(axis=0)
         raise StageError(
-            f"{name}: passes through itself: {len(found)} triangles intersect others "
+            f"{name}: intersects itself: {len(found)} triangles intersect others "
             f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {remedy}"
         )

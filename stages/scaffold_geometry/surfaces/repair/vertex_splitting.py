@@ -1,4 +1,4 @@
-"""Part a closed surface where it touches itself, so that every edge has two faces and every vertex one fan.
+"""Split a closed surface where it touches itself, so that every edge has two faces and every vertex one fan.
 
 `vertices` (n, 3) and `faces` (m, 3), counter-clockwise from outside. A half-edge `h` runs from corner `h % 3` of face
 `h // 3` to that face's next corner.
@@ -15,23 +15,23 @@ from scaffold_geometry.surfaces import triangles
 from scaffold_pipeline.errors import StageError
 
 SHARE = 0.01
-"""How far a vertex goes inwards, in lengths of its shortest edge: too little to see, enough for single precision."""
+"""Distance that a vertex is moved inward, in lengths of its shortest edge: invisible, but enough for float32."""
 
 _STEPS, _CLOSE = 1000, 1e-3
-"""Steps towards the direction most inwards of all faces, and when it is near enough; fans of few faces need tens."""
+"""Most steps to the direction most inward of all faces, and the tolerance; fans of few faces need tens of steps."""
 
 _LEAST_SINE = 1e-3
-"""Sine of the angle to the nearest face below which a direction is along it rather than inwards."""
+"""Sine of the angle to the nearest face below which a direction is not inward."""
 
 _FAR, _NEAR = (7.0, 11.0, 13.0), 1e-3
-"""Where a fan of unit length is closed, off the directions that meshes have, and what is near its vertex."""
+"""The point that closes a fan of unit length, in a direction unusual in meshes, and the size of its neighbourhood."""
 
 _ROUNDS = 8
-"""Rounds of cutting edges; each serves one edge of each face, and a face has three."""
+"""Rounds of splitting edges: each splits at most one edge of a face, and a face has three."""
 
 
 class SplitSurface(NamedTuple):
-    """The surface parted, how many vertices and edges it touched itself at, and the farthest a vertex went."""
+    """The split surface, the numbers of vertices and edges of contact, and the greatest move of a vertex."""
 
     vertices: Floats
     faces: Ints
@@ -49,10 +49,10 @@ class _Fan(NamedTuple):
 
 
 def split_non_manifold(vertices: Floats, faces: Ints) -> SplitSurface:
-    """Return the surface with a vertex for each fan, those of one place moved apart into the solid.
+    """Return the surface with one vertex for each fan; coincident ones are moved apart into the solid.
 
-    Four faces at an edge are paired across the solid between them, so that the solid comes apart. Raises `StageError`
-    where there is no direction inwards.
+    Four faces at an edge are paired across the solid between them, so that the solid is separated. Raises `StageError`
+    if there is no inward direction.
     """
     _, uses = np.unique(_edge_keys(faces), return_counts=True)
     touching_edges, places = int((uses > 2).sum()), vertices  # an edge has two faces
@@ -66,7 +66,7 @@ def split_non_manifold(vertices: Floats, faces: Ints) -> SplitSurface:
     owner = np.zeros(int(fans.max()) + 1, dtype=np.int64)
     owner[fans.ravel()] = faces.ravel()
     is_shared = np.bincount(owner, minlength=len(places))[owner] > 1
-    is_shared |= owner >= len(vertices)  # a cut edge's middles lie in one place, too
+    is_shared |= owner >= len(vertices)  # the midpoints of a split edge coincide too
     place = np.unique(places[owner], axis=0, return_inverse=True)[1].ravel()
     moved, farthest = _move_apart(places[owner], fans, np.flatnonzero(is_shared), place)
     touching = int((np.bincount(owner[owner < len(vertices)]) > 1).sum())
@@ -87,7 +87,7 @@ def _edge_keys(faces: Ints) -> Ints:
 
 
 def _partners(vertices: Floats, faces: Ints) -> Ints:
-    """Return the half-edge across each half-edge, (3m,): where an edge has more than two, across the solid."""
+    """Return the half-edge opposite to each half-edge, (3m,): across the solid at edges of more than two."""
     order = np.argsort(_edge_keys(faces), kind="stable")
     key = _edge_keys(faces)[order]
     starts = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]]))
@@ -116,9 +116,9 @@ def _pair_half_edges(vertices: Floats, faces: Ints, around: Ints) -> tuple[Ints,
         at = (low + high) / 2.0
         raise StageError(
             f"its boundary folds onto itself at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm: {len(around)} faces meet at "
-            "an edge, and solid and void do not take turns around it"
+            "an edge, and solid and void do not alternate around it"
         )
-    # The normal of a face that walks up the axis turns with the angle, so its solid lies at smaller angles.
+    # A face whose half-edge goes up the axis has its normal towards larger angles, so its solid is at smaller angles.
     return around[turning[is_forward]], around[np.roll(turning, 1)[is_forward]]
 
 
@@ -134,14 +134,14 @@ def _fans(faces: Ints, partner: Ints) -> Ints:
 
 
 def _find_double_edges(fans: Ints, partner: Ints) -> Ints:
-    """Return half-edges, one of each pair, whose edge has four faces though its ends are fans of their own."""
+    """Return half-edges, one of each pair, whose edge has four faces although its ends are separate fans."""
     _, edge, uses = np.unique(_edge_keys(fans), return_inverse=True, return_counts=True)
     half_edges = np.arange(fans.size)
     return np.flatnonzero((uses[edge] > 2) & (half_edges < partner))
 
 
 def _split_edges(vertices: Floats, faces: Ints, doubled: Ints, partner: Ints) -> tuple[Floats, Ints]:
-    """Cut edges in the middle, each with a vertex of its own, and their faces in two; at most one edge of a face."""
+    """Split edges at their midpoints, each with its own vertex, and their faces; at most one edge of a face."""
     taken = np.zeros(len(faces), dtype=bool)
     cut = []
     for half_edge in doubled:
@@ -160,9 +160,9 @@ def _split_edges(vertices: Floats, faces: Ints, doubled: Ints, partner: Ints) ->
 
 
 def _move_apart(vertices: Floats, faces: Ints, which: Ints, place: Ints) -> tuple[Floats, float]:
-    """Return the vertices with those of `which` moved to the side where no other of their `place` is, and the farthest.
+    """Move the vertices `which` away from others at the same `place`; return all vertices and the greatest move.
 
-    One at a place may stay: the others go away from it.
+    One vertex at a place may stay; the others move away from it.
     """
     moved, farthest = vertices.copy(), 0.0
     staying: set[int] = set()
@@ -179,7 +179,7 @@ def _move_apart(vertices: Floats, faces: Ints, which: Ints, place: Ints) -> tupl
         else:
             at = vertices[vertex]
             raise StageError(
-                f"its boundary touches itself at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm, where its sheets cannot be "
+                f"its boundary touches itself at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm, where its parts cannot be "
                 "moved apart"
             )
     return moved, farthest
@@ -196,7 +196,7 @@ def _fan(vertices: Floats, faces: Ints, vertex: int) -> _Fan:
 
 
 def _way_out(fan: _Fan, others: list[_Fan]) -> Floats | None:
-    """Return the direction into the side of `fan` that holds none of the others, or None where both do."""
+    """Return the direction to the side of `fan` without any of the others, or None if they are on both sides."""
     is_in_solid = {_is_in_solid(fan, other.rays[0].mean(axis=0)) for other in others}
     if len(is_in_solid) != 1:
         return None
@@ -204,9 +204,9 @@ def _way_out(fan: _Fan, others: list[_Fan]) -> Floats | None:
 
 
 def _is_in_solid(fan: _Fan, direction: Floats) -> bool:
-    """Return whether a direction from the fan's vertex goes into the solid: as one just below a face of it does.
+    """Return whether a direction from the fan's vertex goes into the solid, as one just below a face does.
 
-    The fan is closed by a far point into a surface of which the solid side is wound about once more than the void.
+    The fan is closed by a far point, so that the winding number of the solid side is one more than that of the void.
     """
     count = len(fan.rays)
     corners = np.concatenate([np.zeros((1, 3)), [_FAR], fan.rays.reshape(-1, 3)])
@@ -214,11 +214,11 @@ def _is_in_solid(fan: _Fan, direction: Floats) -> bool:
     closed = np.concatenate([np.column_stack([np.full(count, k), rim[:, :: 1 - 2 * k]]) for k in (0, 1)])
     below = fan.rays[0].mean(axis=0) - _NEAR * fan.normals[0]
     one, other = (triangles.winding_number(_NEAR * ray, corners, closed) for ray in (direction, below))
-    return abs(one - other) < 0.5  # they differ by nothing or by one
+    return abs(one - other) < 0.5  # they differ by 0 or 1
 
 
 def _inwards(inner: Floats) -> Floats | None:
-    """Return the direction whose least product with the unit vectors `inner` (k, 3) is greatest; None if not positive.
+    """Return the direction with the greatest least dot product with unit vectors `inner` (k, 3), if above 0.
 
     It is that of the shortest vector in their convex hull: E. G. Gilbert, SIAM Journal on Control 4 (1966) 61-80.
     """

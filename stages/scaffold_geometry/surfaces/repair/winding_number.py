@@ -1,4 +1,4 @@
-"""The inside of any triangles at all, by their generalised winding number on a grid.
+"""The inside of arbitrary triangles, by their generalised winding number on a grid.
 
 A. Jacobson, L. Kavan, O. Sorkine, "Robust inside-outside segmentation using generalized winding numbers", ACM
 Transactions on Graphics 32 (2013); its fast form, by which fTetWild filters its cells: G. Barill and others, 37 (2018).
@@ -19,32 +19,32 @@ from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import Arrays
 
 _COARSE = 4
-"""Samples of the fine grid to one of the coarse grid, on which it is found where to look closer."""
+"""Samples of the fine grid per sample of the coarse grid, which finds the regions to refine."""
 
 _SLOPE = 4.0
-"""Spacings that a change of the winding number by 1 counts for, where no triangle is nearer: over the holes."""
+"""Distance, spacings, for a change of the winding number by 1 where no triangle is near: over holes."""
 
 _SURE = 0.4
-"""How far from one half the winding number must be all around, and no triangle near, to look no closer."""
+"""Least difference from 0.5 of the winding number around a sample without a near triangle, to skip refinement."""
 
 _SIMPLER = 0.05
-"""Share of the spacing by which the grid's many triangles are merged into fewer."""
+"""Tolerance of simplification, as a share of the spacing."""
 
 _PULLS = 6
-"""Tries to put the vertices onto the triangles; each leaves out those whose faces would cross."""
+"""Rounds of projecting vertices onto triangles; each leaves out those whose faces would cross."""
 
 
 def winding_number_isosurface(vertices: Floats, faces: Ints, spacing: float) -> Arrays:
-    """Return `vertices` and `faces` of the boundary of the winding number above one half; for a child process.
+    """Return `vertices` and `faces` of the boundary of {winding number > 0.5}; for a child process.
 
-    The surface is closed and manifold. Vertices within a spacing of a triangle are put onto it.
+    The surface is closed and manifold. Vertices within a spacing of a triangle are projected onto it.
     """
     bounds = np.stack([vertices.min(axis=0), vertices.max(axis=0)])
     origin, shape = grid_over(bounds, spacing, _COARSE)
     samples = _samples(vertices, faces, origin, spacing, shape)
     points, corners = extract_iso_surface(samples, 0.0, origin, spacing)
     if not len(corners):
-        raise StageError("its triangles wind about nothing")
+        raise StageError("its triangles enclose nothing")
     points = _project_to_surface(points, corners, vertices, faces, spacing)
     points, corners = without_slivers(points, corners, _SIMPLER * spacing)
     return {"vertices": points, "faces": corners}
@@ -53,7 +53,7 @@ def winding_number_isosurface(vertices: Floats, faces: Ints, spacing: float) -> 
 def _samples(
     vertices: Floats, faces: Ints, origin: Floats, spacing: float, shape: tuple[int, int, int]
 ) -> NDArray[np.float32]:
-    """Return a smooth function, mm, that is positive inside, on the grid: the distance near triangles."""
+    """Return a smooth function on the grid, mm, positive inside: the signed distance near triangles."""
     from scipy.ndimage import map_coordinates
 
     coarse_shape = tuple(-(-(count - 1) // _COARSE) + 1 for count in shape)
@@ -71,12 +71,12 @@ def _samples(
     for some in np.array_split(near, -(-len(near) // 1_000_000) or 1):
         winding, distance = _winding_and_distance(vertices, faces, origin + spacing * some)
         height = np.minimum(distance, _SLOPE * spacing * np.abs(winding - 0.5))
-        samples[tuple(some.T)] = np.where(winding > 0.5, height, -height)  # halfway in
+        samples[tuple(some.T)] = np.where(winding > 0.5, height, -height)  # halfway inside
     return samples
 
 
 def _winding_and_distance(vertices: Floats, faces: Ints, places: Floats) -> tuple[Floats, Floats]:
-    """Return the winding number at places (k, 3), and the distance to the nearest triangle."""
+    """Return the winding number at points (k, 3), and the distance to the nearest triangle."""
     import igl
 
     squared, _, _ = igl.point_mesh_squared_distance(places, vertices, faces)
@@ -84,7 +84,7 @@ def _winding_and_distance(vertices: Floats, faces: Ints, places: Floats) -> tupl
 
 
 def _project_to_surface(points: Floats, corners: Ints, vertices: Floats, faces: Ints, spacing: float) -> Floats:
-    """Return the points put onto the nearest triangle within a spacing, but for those that would make faces cross."""
+    """Return points projected onto the nearest triangle within a spacing, except those that would make faces cross."""
     import igl
 
     squared, _, nearest = igl.point_mesh_squared_distance(points, vertices, faces)

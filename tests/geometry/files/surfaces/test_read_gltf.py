@@ -154,7 +154,7 @@ def test_lines_are_left_out_and_said_so(tmp_path: Path):
     gltf.scene["meshes"][0]["primitives"].append({**gltf.primitive, "mode": 1})
     found = gltf.read(tmp_path)
     assert len(found.faces) == len(FACES)
-    assert "left out lines, which bound nothing" in found.notes
+    assert "left out lines, which are not surfaces" in found.notes
 
 
 def test_nodes_lie_in_each_other_and_a_mirrored_one_still_faces_outward(tmp_path: Path):
@@ -218,19 +218,19 @@ REFUSED = {
     "a mesh is compressed by KHR_draco_mesh_compression": lambda g: (
         g.primitive.update(extensions={"KHR_draco_mesh_compression": {}}), g.scene["accessors"][0].pop("bufferView")
     ),
-    "a mesh is moved by a skin": lambda g: g.node.update(skin=0),
+    "a mesh is deformed by a skin": lambda g: g.node.update(skin=0),
     "a mesh has morph targets": lambda g: g.primitive.update(targets=[{"POSITION": 0}]),
-    "its nodes lie in each other in a circle": lambda g: g.scene.update(
+    "its nodes contain each other in a cycle": lambda g: g.scene.update(
         nodes=[{"children": [0]}], scenes=[{"nodes": [0]}]
     ),
     "faces name vertices 0..": lambda g: g.scene["accessors"][0].update(count=5),
     "announces 9999 rows": lambda g: g.scene["accessors"][1].update(count=9999),
-    "are no multiple of 3": lambda g: g.scene["accessors"][1].update(count=4),
-    "is placed by a matrix that flattens it": lambda g: g.node.update(scale=[1, 0, 1]),
+    "are not a multiple of 3": lambda g: g.scene["accessors"][1].update(count=4),
+    "has a singular or invalid matrix": lambda g: g.node.update(scale=[1, 0, 1]),
     "corners of faces must be single whole numbers": lambda g: g.scene["accessors"][1].update(componentType=5126),
-    "its JSON names what it does not hold": lambda g: g.node.update(mesh=7),
+    "its JSON refers to missing content": lambda g: g.node.update(mesh=7),
     "its JSON has no `asset`": lambda g: g.scene.pop("asset"),
-    "holds no triangles": lambda g: g.scene.update(nodes=[]),
+    "has no triangles": lambda g: g.scene.update(nodes=[]),
 }  # fmt: skip
 
 
@@ -261,5 +261,5 @@ def test_extensions_of_looks_may_be_required(tmp_path: Path, extension: str):
 def test_an_odd_change_of_size_is_warned_of_with_its_factor(tmp_path: Path):
     gltf = Gltf()
     gltf.node["scale"] = [5000.0] * 3
-    with pytest.warns(PipelineWarning, match="a node changes the size by a factor of 5000; look whether"):
+    with pytest.warns(PipelineWarning, match="a node changes the size by a factor of 5000; check"):
         gltf.read(tmp_path)

@@ -62,14 +62,18 @@ def test_text_may_have_any_line_ends_and_byte_order_mark(tmp_path: Path, name: s
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
-        ("a.off", off("OFF BINARY\n4 4 6"), "is not an ASCII OFF file, but a binary one; export it as text"),
-        ("a.off", off("4OFF\n4 4 6", " 1"), "its vertices are of another space than three .4OFF."),
-        ("a.off", off("nOFF\n4\n4 4 6", " 1"), "of another space than three"),
+        ("a.off", off("OFF BINARY\n4 4 6"), "is a binary OFF file, which is not supported; export it as text"),
+        ("a.off", off("4OFF\n4 4 6", " 1"), "its vertices are not in 3-D .4OFF."),
+        ("a.off", off("nOFF\n4\n4 4 6", " 1"), "its vertices are not in 3-D"),
         ("a.off", off().replace("4.0 0.0 0.0", "4,0 0.0 0.0"), r"a\.off:4: .* '4,0'; it has a decimal comma"),
         ("a.obj", obj().replace("4.0 0.0 0.0", "4,0 0,0 0,0"), r"a\.obj:2: .* '4,0'; it has a decimal comma"),
         ("a.obj", obj().replace("f 1 3 2", "f 1,0 3,0 2,0"), r"a\.obj:5: '1,0' names no vertex"),
-        ("a.obj", obj() + "cstype bspline\nsurf 0 1 0 1 1 2 3 4\n", r"a\.obj:9: holds curved surfaces .cstype."),
-        ("a.obj", b"\xff\xfe" + obj().encode() + b"x", "begins as UTF-16-LE text and goes on as something else"),
+        ("a.obj", obj() + "cstype bspline\nsurf 0 1 0 1 1 2 3 4\n", r"a\.obj:9: has curved surfaces .cstype."),
+        (
+            "a.obj",
+            b"\xff\xfe" + obj().encode() + b"x",
+            "begins as UTF-16-LE text but is not valid text of that encoding",
+        ),
     ],
 )
 def test_what_is_not_read_is_refused_by_its_cause(tmp_path: Path, name: str, content: str | bytes, said: str):

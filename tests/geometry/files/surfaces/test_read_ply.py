@@ -171,9 +171,9 @@ def test_what_follows_the_last_face_is_left_out_with_a_warning(tmp_path: Path):
         (ply().replace(b"5 4 3 2 1 0", b"2 4 3"), "face 0 has 2 corners, needs 3 or more"),
         (ply().replace(b"5 4 3 2 1 0", b"5 4 3 2 1 77"), "faces name vertices 0..77"),
         (ply().replace(b"4 0 3\n", b"4,5 0 3\n"), "'4,5' in its line 7; it has a decimal comma"),
-        (ply().replace(b"double x", b"decimal x"), r"prism\.ply:5: its header says 'property decimal x'"),
+        (ply().replace(b"double x", b"decimal x"), r"prism\.ply:5: its header has 'property decimal x'"),
         (ply().replace(b"double x", b"double a"), "its vertices have no x"),
-        (ply().replace(b"format ascii", b"format cuneiform"), r"prism\.ply:2: its header says"),
+        (ply().replace(b"format ascii", b"format cuneiform"), r"prism\.ply:2: its header has"),
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path: Path, content: bytes, said: str):

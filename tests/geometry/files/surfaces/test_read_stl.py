@@ -60,19 +60,19 @@ def test_a_binary_file_may_begin_with_solid(tmp_path: Path, header: bytes):
 
 @pytest.mark.parametrize("count", [0, 2**32 - 1])
 def test_a_count_that_was_never_written_is_taken_from_the_size_with_a_warning(tmp_path: Path, count: int):
-    with pytest.warns(PipelineWarning, match=f"counts {count} triangles; read the {len(FACES)} that follow"):
+    with pytest.warns(PipelineWarning, match=f"announces {count} triangles; read all {len(FACES)} that follow"):
         assert np.array_equal(corners_of(tmp_path, binary(count=count)), CORNERS)
 
 
 @pytest.mark.parametrize(
-    ("count", "said"), [(5, "announces 5 triangles, but more"), (200, "is no STL file or a damaged")]
+    ("count", "said"), [(5, "announces 5 triangles, but more"), (200, "is not an STL file, or damaged")]
 )
 def test_a_count_that_lies_is_refused(tmp_path: Path, count: int, said: str):
     refused(tmp_path, binary(count=count), said)
 
 
 def test_a_file_of_no_count_that_ends_within_a_triangle_is_refused(tmp_path: Path):
-    refused(tmp_path, binary(count=0)[:-7], "is no STL file or a damaged one")
+    refused(tmp_path, binary(count=0)[:-7], "is not an STL file, or damaged")
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_decimal_commas_are_refused_with_the_line_and_the_cause(tmp_path: Path):
 def test_a_word_that_is_no_number_is_refused_with_its_line(tmp_path: Path):
     lines = text().split("\n")
     lines[10] = "  vertex 1 two 3"
-    refused(tmp_path, "\n".join(lines), r"part\.stl:11: a vertex is not three numbers: 'two'; the file is damaged")
+    refused(tmp_path, "\n".join(lines), r"part\.stl:11: a vertex must be three numbers, got 'two'; the file is damaged")
 
 
 @pytest.mark.parametrize("space", ["RAS", "LPS"])

@@ -157,7 +157,7 @@ def test_a_package_without_content_types_is_read(path: Path):
 
 
 def test_an_odd_change_of_size_is_warned_of_with_its_factor(path: Path):
-    with pytest.warns(PipelineWarning, match="a component changes the size by a factor of 5000; look whether"):
+    with pytest.warns(PipelineWarning, match="a component changes the size by a factor of 5000; check"):
         read_surface(written(path, model(thing(1, mesh(2)), item(1, "5000 0 0 0 5000 0 0 0 5000 0 0 0"))))
 
 
@@ -177,7 +177,7 @@ NAMESPACES = {
 def test_a_required_extension_that_is_not_read_is_refused_by_name(path: Path, name: str):
     attributes = f'unit="millimeter" xmlns:e="{NAMESPACES[name]}" requiredextensions="p e"'
     with pytest.raises(
-        StageError, match=rf"requires the extension {name}.*which is not read; export it as plain"
+        StageError, match=rf"requires the extension {name}.*which is not supported; export it as plain"
     ) as said:
         read_surface(written(path, model(thing(1, mesh(2)), item(1), attributes)))
     assert "\n" not in str(said.value)
@@ -186,7 +186,7 @@ def test_a_required_extension_that_is_not_read_is_refused_by_name(path: Path, na
 def test_beams_are_refused_also_where_the_extension_is_optional(path: Path):
     beams = '<b:beamlattice minlength="0.01" radius="1"><b:beams><b:beam v1="0" v2="7"/></b:beams></b:beamlattice>'
     attributes = f'unit="millimeter" xmlns:b="{NAMESPACES["beam lattice"]}"'
-    with pytest.raises(StageError, match=r"object 1 has beams .the beam lattice extension., which are not read"):
+    with pytest.raises(StageError, match=r"object 1 has beams .the beam lattice extension., which are not supported"):
         read_surface(written(path, model(thing(1, mesh(2, beams)), item(1), attributes)))
 
 
@@ -230,14 +230,14 @@ def test_settings_of_a_slicer_that_mark_nothing_are_no_matter(path: Path):
     [
         (
             model(thing(1, mesh(2)), ""),
-            "names nothing to build .no build items.*; put the object on the plate and export",
+            "has no build items, .*; put the object on the plate and export",
         ),
         (
             model(thing(1, mesh(2), "support"), item(1)),
             "builds no object of type model .left out object 1 of type support",
         ),
         (model(thing(1, mesh(2)), item(7)), "cannot be read as 3MF: lib3mf says"),
-        (model(thing(1, mesh(2)), item(1, "0 0 0 0 0 0 0 0 0 1 2 3")), "is placed by a matrix that flattens it"),
+        (model(thing(1, mesh(2)), item(1, "0 0 0 0 0 0 0 0 0 1 2 3")), "has a singular or invalid matrix"),
         (model(thing(1, mesh(2)), item(1), 'unit="furlong"'), "its unit is 'furlong', must be one of centimeter, foot"),
         (model(thing(1, mesh(2)), item(1))[:300], "cannot be read as 3MF"),
         ("<html/>", "cannot be read as 3MF"),
@@ -254,5 +254,5 @@ def test_what_is_wrong_is_one_line_with_the_file(path: Path, start: str, said: s
 def test_a_package_without_its_start_part_is_refused(path: Path):
     with zipfile.ZipFile(path, "w") as package:
         package.writestr("_rels/.rels", relations("/3D/lost.model"))
-    with pytest.raises(StageError, match=r"names '3D/lost\.model' as its start part, which it does not hold"):
+    with pytest.raises(StageError, match=r"names '3D/lost\.model' as its start part, which does not exist"):
         read_surface(path)

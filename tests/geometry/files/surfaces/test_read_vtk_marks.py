@@ -79,7 +79,7 @@ def test_polygons_that_are_copies_or_hidden_are_left_out_and_said_so(tmp_path: P
     mark(data.GetCellData(), np.where(np.arange(len(FACES)) < 10, bit, 0))
     found = read_surface(written(tmp_path / f"a{suffix}", data))
     assert np.array_equal(found.faces, FACES if bit in THERE else FACES[10:])
-    said = "left out 10 polygons that the file marks as hidden or as copies (vtkGhostType)"
+    said = "left out 10 polygons that the file marks as hidden or duplicate (vtkGhostType)"
     assert (said in found.notes) == (bit in GONE)
 
 

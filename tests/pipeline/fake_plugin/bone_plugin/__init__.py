@@ -1,1 +1,1 @@
-"""What `docs/plugins.md` shows: a stage, a field, a measure and a file format of a third party, a module each."""
+"""The plug-in of `docs/plugins.md`: a stage, a field, a measure and a file format of a third party, one module each."""

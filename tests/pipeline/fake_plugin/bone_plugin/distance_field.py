@@ -1,4 +1,4 @@
-"""Stage `distance_field`: how much nearer the struts of a mesh are than the channels between its cells."""
+"""Stage `distance_field`: a field from the distances to the struts of a mesh and to the channels between its cells."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ if TYPE_CHECKING:
     from scaffold_geometry.fields.skeleton import Skeleton
 
 TINY = 1e-12
-"""A distance, mm, that keeps 0/0 from where a channel of a planar mesh ends on a strut."""
+"""Smallest sum of distances, mm: avoids 0/0 where a channel of a planar mesh ends on a strut."""
 
 
 class DistanceFieldParams(SamplingParams):
     """Parameters of `distance_field`."""
 
     samples: int = Field(default=33, ge=2)
-    """Points on each strut and channel that distances are measured to."""
+    """Points on each strut and channel to which distances are measured."""
 
 
 @stage(writes="field", version=1)
 def distance_field(mesh: CellMesh, outer: OuterShape | None = None, *, params: DistanceFieldParams) -> ScalarField:
     """Compute (c - s) / (c + s), s and c the distances to the nearest strut and channel: 1 on struts, -1 on channels.
 
-    At an iso-value of 0 the surface lies midway between both.
+    At an iso-value of 0 the surface is midway between struts and channels.
     """
     return sample_mesh_field(mesh, outer, params, partial(field_of, samples=params.samples))
 
 
 def field_of(skeleton: Skeleton, samples: int) -> MeshField:
-    """Return the field of a skeleton, ready to be computed."""
+    """Return the functions that compute the field of a skeleton."""
     from scipy.spatial import cKDTree
 
     ends = skeleton.vertices[skeleton.edges]

@@ -1,4 +1,4 @@
-"""Stage `measure_layers`: the porosity from layer to layer, to see whether a gradient came out as asked."""
+"""Stage `measure_layers`: the porosity of each layer, to check a porosity gradient."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ class MeasureLayersParams(Params):
     """Parameters of `measure_layers`."""
 
     voxel_size: Millimetres = Field(gt=0.0)
-    """Edge of the voxels that are counted, and thickness of a layer."""
+    """Edge of the voxels, and thickness of a layer."""
 
     axis: Literal["x", "y", "z"] = "z"
-    """Axis that the layers lie across."""
+    """Axis normal to the layers."""
 
 
 @stage(writes="layers", version=1, metrics=METRICS)
 def measure_layers(solid: Solid, outer: OuterShape, *, params: MeasureLayersParams) -> Metrics:
-    """Measure the porosity of each layer of voxels across an axis."""
+    """Measure the porosity of each layer of voxels along an axis."""
     axis = "xyz".index(params.axis)
     across = tuple(other for other in range(3) if other != axis)
     image = voxelise((solid.vertices, solid.faces), (outer.vertices, outer.faces), params.voxel_size)
@@ -42,6 +42,6 @@ def measure_layers(solid: Solid, outer: OuterShape, *, params: MeasureLayersPara
     name = f"porosity_along_{params.axis}"
     return Metrics(
         {f"{name}_least": float(porosity.min()), f"{name}_greatest": float(porosity.max())},
-        has_gates=False,  # it judges nothing: the verdict stays that of `measure`
+        has_gates=False,  # the verdict is that of `measure`
         curves=(Curve(name, f"Porosity along {params.axis}", f"{params.axis}, mm", "porosity", places, porosity),),
     )

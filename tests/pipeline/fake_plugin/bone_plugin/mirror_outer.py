@@ -14,12 +14,12 @@ class MirrorOuterParams(Params):
     """Parameters of `mirror_outer`."""
 
     axis: Literal["x", "y", "z"] = "x"
-    """Axis whose direction is turned round."""
+    """Axis whose direction is reversed."""
 
 
 @stage(writes="outer", version=1)
 def mirror_outer(outer: OuterShape, *, params: MirrorOuterParams) -> OuterShape:
-    """Mirror the outer shape in the plane across an axis through the middle of its bounding box."""
+    """Mirror the outer shape in the plane normal to an axis through the centre of its bounding box."""
     flips = np.where(np.arange(3) == "xyz".index(params.axis), -1.0, 1.0)
     middle = outer.bounds.mean(axis=0)
     vertices = middle + flips * (outer.vertices - middle)

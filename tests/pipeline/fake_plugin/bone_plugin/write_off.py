@@ -1,4 +1,4 @@
-"""Stage `write_off`: the solid as OFF, read back by two programs and checked as the files of `write_solid` are."""
+"""Stage `write_off`: the solid as OFF, read back by two programs and checked like the files of `write_solid`."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class WriteOffParams(Params):
     """Parameters of `write_off`."""
 
     name: Title = "scaffold"
-    """Title in the file, a comment."""
+    """Title, a comment in the file."""
 
 
 @stage(writes="off_file", version=1)
 def write_off(solid: Solid, *, params: WriteOffParams, out: Path, config_hash: str | None = None) -> WrittenFiles:
-    """Write the solid as `solid.off`: text, mm, coordinates to the bit in float32."""
+    """Write the solid as `solid.off`: text, mm, float32 coordinates without loss."""
     model = Model(round_to_float32(solid), params.name, "#E3DAC9", config_hash)
     path = out / "solid.off"
     volume = write_verified(path, OFF, model, FileVerifier(model.mesh, expect_solid(solid)))
@@ -30,7 +30,7 @@ def write_off(solid: Solid, *, params: WriteOffParams, out: Path, config_hash: s
 
 
 def write(path: Path, model: Model) -> None:
-    """Write the model as OFF; nine digits bring each float32 back to the bit."""
+    """Write the model as OFF; nine digits restore each float32 exactly."""
     vertices, faces = model.mesh
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         stream.write(f"OFF\n# {model.title}; {model.notes}\n{len(vertices)} {len(faces)} 0\n")
@@ -39,12 +39,12 @@ def write(path: Path, model: Model) -> None:
 
 
 def read_by_trimesh(path: Path) -> Mesh:
-    """Return what trimesh reads."""
+    """Return the mesh read by trimesh."""
     return mesh_by_trimesh(path, "OFF")
 
 
 def read_by_vtk(path: Path) -> Mesh:
-    """Return what VTK reads."""
+    """Return the mesh read by VTK."""
     from vtkmodules.vtkIOGeometry import vtkOFFReader
 
     return mesh_by_vtk(vtkOFFReader(), path, "OFF")
