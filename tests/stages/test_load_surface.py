@@ -174,7 +174,9 @@ def test_any_file_may_be_said_to_have_y_up(tmp_path: Path):
 def test_coordinates_that_no_body_has_are_refused_with_the_number(tmp_path: Path, name: str):
     far = np.where(CORNERS > 3, 3e38, CORNERS)
     content = {"stl": as_binary_stl, "off": as_off, "obj": as_obj, "ply": as_ply}[name[-3:]](far, FACES)
-    with pytest.raises(StageError, match=r"a vertex is 3e\+38 mm from the origin; check `units`"):
+    with pytest.raises(
+        StageError, match=r"a vertex is 3e\+38 mm from the origin, at most 1e\+09 mm is accepted; check `units`"
+    ):
         loaded(written(tmp_path / name, content))
 
 

@@ -327,7 +327,7 @@ DAMAGED = {
     ),
     "far.msh": (
         as_msh(np.where(TWO_TETRAHEDRA == 4.0, 1e200, 0.0), ["4 2 0 1 1 2 3 4"]),
-        r"a vertex is 1e\+200 mm from the origin; check `units`",
+        r"a vertex is 1e\+200 mm from the origin, at most 1e\+09 mm is accepted; check `units`",
     ),
     "range.vtk": (tetrahedra_vtk(TWO_TETRAHEDRA, [(0, 1, 2, 7)]), "VTK|the points of cells must be"),
     "range.mesh": (
