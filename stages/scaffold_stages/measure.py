@@ -1,4 +1,4 @@
-"""Stage `measure`: what the written file will hold, measured and judged."""
+"""Stage `measure`: measure the solid as it will be in the file, and apply the quality gates."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from scaffold_geometry.measures.surface_tree import SurfaceTree
 
 _ON_OUTER = 1e-3
-"""A wall of the solid nearer to the outer shape than this, in voxels, is where the clip cut it."""
+"""Distance from the outer shape, voxels, below which a wall of the solid was made by the clip."""
 
 
 METRICS = (
@@ -74,26 +74,26 @@ METRICS = (
     of_voxels.VOXEL_SIZE,
     GATES_NOT_APPLIED,
 )
-"""What `measure` tells, but for what the stages that make the field and the outer shape tell of these."""
+"""The metrics of `measure`, except those of the stages that make the field and the outer shape."""
 
 
 class MeasureParams(GateParams):
-    """Parameters of `measure`: what is measured, what a printer can do, and the quality gates."""
+    """Parameters of `measure`: the measures, the limits of the printer, and the quality gates."""
 
     morphometry: bool = True
     """Whether thickness, pore sizes, accessible porosity, diffusion and anisotropy are measured."""
 
     voxel_size: Millimetres | None = Field(default=None, gt=0.0)
-    """Edge of the voxels of these measures; by default half the field's where these are 1e7 at most."""
+    """Voxel size of these measures; by default half the field's, if that gives at most 1e7 voxels."""
 
     probes: Annotated[tuple[Annotated[float, Field(gt=0.0)], ...], Unit("mm")] = ()
-    """Diameters of cells or particles whose share of the pore space is told."""
+    """Diameters of cells or particles for which the accessible share of the pore space is measured."""
 
     diffusion: bool = True
-    """Whether diffusion through the pores is solved for, the dearest of the measures."""
+    """Whether diffusion through the pores is computed, the slowest of the measures."""
 
     printing: PrintRules = PrintRules()
-    """What the printer can do: each rule that the solid breaks is a finding, not a failure."""
+    """Limits of the printer: each rule that the solid breaks is a finding, not a failure."""
 
 
 @stage(
@@ -111,11 +111,11 @@ def measure(
     *,
     params: MeasureParams,
 ) -> Metrics:
-    """Measure the solid as a file gives it back, check it against the quality gates, and tell what a printer may meet.
+    """Measure the solid as read back from its file, apply the quality gates, and list features difficult to print.
 
-    The solid is put through the bytes of an STL and read back, merged by position as every reader does:
-    `write_solid` writes the same bytes, wherever it stands in the config. A field without certificate, or a config
-    without mesh, leaves the gates that need them out; `gates_not_applied` names these.
+    The solid is written to the bytes of an STL and read back, with vertices merged by position as every reader does;
+    `write_solid` writes the same bytes. Without a certificate or a mesh, the gates that need them are not applied;
+    `gates_not_applied` lists them.
     """
     from scaffold_geometry.files.binary_stl import from_stl, to_stl
     from scaffold_geometry.measures.printability.verdict import lint
@@ -152,7 +152,7 @@ def measure(
     failed = failed_gates(values, params, most_closed=field.pore_networks * (porous.skin > 0.0))
     metrics = Metrics({**values, **printed.values}, tuple(failed), findings=printed.findings)
     if params.morphometry and not shells["is_manifold"]:
-        warn("morphometry: left out, as the solid is no closed manifold")
+        warn("morphometry: left out, as the solid is not a closed manifold")
     elif params.morphometry:
         topology = connectivity_facts(
             file.faces, int(shells["solid_pieces"]), int(shells["closed_pores"]), outer.volume

@@ -1,6 +1,6 @@
-"""Stage `measure_field`: what a field would make of a shape at an iso-value, counted on its voxels.
+"""Stage `measure_field`: count pieces, open channels and whole struts of a field at an iso-value, on its voxels.
 
-For comparing fields where a solid may not exist at all: `measure` judges files, this one never fails for a bad field.
+For comparing fields that may give no solid: `measure` checks files, this stage never fails for a bad field.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ METRICS = (
     UNDER_RESOLVED,
     *COMPUTED,
 )
-"""What `measure_field` tells, but for what the stage that makes the field tells of it."""
+"""The metrics of `measure_field`, except those of the stage that makes the field."""
 
 
 class MeasureFieldParams(Params):
@@ -50,7 +50,7 @@ class MeasureFieldParams(Params):
     """Solid is where the field is above it."""
 
     porosity: Share | None = Field(default=None, gt=0.0, lt=1.0)
-    """Share of the samples inside the outer shape that are to be void, instead of an iso."""
+    """Share of the samples inside the outer shape that are void, instead of an iso-value."""
 
     @model_validator(mode="after")
     def _one_aim(self) -> MeasureFieldParams:
@@ -63,8 +63,8 @@ class MeasureFieldParams(Params):
 def measure_field(field: ScalarField, outer: OuterShape, *, params: MeasureFieldParams) -> Metrics:
     """Count solid and void pieces, open channels and whole struts of a field at an iso-value, on its voxels.
 
-    Pieces hang together by the faces of voxels, within the outer shape. A field that leaves no solid or no pore has
-    zero pieces of it: that is the result, not an error. No quality gate is applied.
+    Pieces are connected over the faces of voxels, within the outer shape. A field without solid or without pores has
+    zero pieces of it, which is a result, not an error. No quality gate is applied.
     """
     inside = samples_inside(outer.vertices, outer.faces, field.origin, field.spacing, field.values.shape)
     if not inside.any():

@@ -1,4 +1,4 @@
-"""Stage `measure_plate`: what the written file of a plate will hold, measured and judged."""
+"""Stage `measure_plate`: measure a plate as it will be in the file, and apply the quality gates."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from scaffold_pipeline.stages.contract import Params, Share, stage
 METRICS = (
     *POROSITY,
     *CERTIFICATE_METRICS,
-    Metric("pore_pieces", "", "Pieces of pore space", "Each is a hole of its own.", "Pores"),
+    Metric("pore_pieces", "", "Pieces of pore space", "Each is a separate hole.", "Pores"),
     Metric("holes", "", "Holes", "Of the contour.", "Pores"),
     AREA,
     *shells.METRICS,
     *SIZE,
     *COMPUTED,
 )
-"""What `measure_plate` tells, but for what the stage that makes the field tells of it."""
+"""The metrics of `measure_plate`, except those of the stage that makes the field."""
 
 GATES = (
     MANIFOLD,
@@ -46,10 +46,10 @@ GATES = (
 
 
 class MeasurePlateParams(Params):
-    """Parameters of `measure_plate`: a switch for each quality gate, and how much it lets pass."""
+    """Parameters of `measure_plate`: a switch and a tolerance for each quality gate."""
 
     porosity_tolerance: Share = Field(default=0.005, gt=0.0, lt=1.0)
-    """How far the porosity may be from the one asked for."""
+    """Greatest difference of the porosity from the requested one."""
 
     gate_manifold: bool = True
     """Whether an open or non-manifold plate fails."""
@@ -58,7 +58,7 @@ class MeasurePlateParams(Params):
     """Whether a plate of several pieces fails."""
 
     gate_porosity: bool = True
-    """Whether a porosity off the one asked for fails."""
+    """Whether a porosity outside the tolerance fails."""
 
     gate_struts_whole: bool = True
     """Whether an iso at which struts are broken fails, by the field's certificate."""
@@ -68,10 +68,10 @@ class MeasurePlateParams(Params):
 def measure_plate(
     solid: Solid, contour: Contour, field: ScalarField, mesh: PlanarMesh | None = None, *, params: MeasurePlateParams
 ) -> Metrics:
-    """Measure a plate as a file gives it back, and check it against the quality gates.
+    """Measure a plate as read back from its file, and apply the quality gates.
 
-    Its porosity is 1 - (its volume) / (area within the contour's outline x its height). Pores need not hang together:
-    between whole struts each is a hole of its own.
+    Its porosity is 1 - (its volume) / (area within the contour's outline x its height). Pores need not be connected:
+    between whole struts each pore is a separate hole.
     """
     from scaffold_geometry.files.binary_stl import from_stl, to_stl
     from scaffold_geometry.surfaces.shells import shell_facts
@@ -118,7 +118,7 @@ def _failed_gates(values: dict[str, Fact], params: MeasurePlateParams) -> Iterat
     porosity, asked = to_number(values["porosity"]), values["porosity_requested"]
     if params.gate_porosity and asked is not None and abs(porosity - to_number(asked)) > params.porosity_tolerance:
         yield (
-            f"porosity: {porosity:.4f} differs from the {to_number(asked):g} asked for by more than "
+            f"porosity: {porosity:.4f} differs from the {to_number(asked):g} requested by more than "
             f"{params.porosity_tolerance:g}; smaller voxels bring it nearer"
         )
     if params.gate_struts_whole and values.get("struts_broken"):

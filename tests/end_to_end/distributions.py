@@ -8,6 +8,7 @@ from pathlib import Path
 WHEEL_NEEDS = (
     "scaffold_pipeline/cli/app.py",
     "scaffold_pipeline/py.typed",
+    "scaffold_pipeline/runs/runner.py",
     "scaffold_pipeline/examples/femoral_head.yaml",
     "scaffold_pipeline/report/templates/painter.js",
     "scaffold_pipeline/report/templates/study_page.js",
@@ -24,7 +25,7 @@ SDIST_NEEDS = (
     "configs/minimal.yaml", "pipeline/scaffold_pipeline/cli/app.py", "stages/scaffold_stages/arbf_field.py",
     "tests/end_to_end/distributions.py",
 )  # fmt: skip
-FOREIGN = ("__pycache__", "runs/", ".venv/", ".ci/")
+FOREIGN = ("__pycache__", "/runs/", ".venv/", ".ci/")
 
 
 def main(folder: Path) -> int:
@@ -34,7 +35,11 @@ def main(folder: Path) -> int:
         sdist = [name.partition("/")[2] for name in archive.getnames()]
     faults = [f"wheel lacks {name}" for name in WHEEL_NEEDS if name not in wheel]
     faults += [f"sdist lacks {name}" for name in SDIST_NEEDS if name not in sdist]
-    faults += [f"foreign file {name}" for name in wheel + sdist if any(part in name for part in FOREIGN)]
+    faults += [
+        f"foreign file {name}"
+        for name in wheel + sdist
+        if any(part in f"/{name}" for part in FOREIGN) and "pipeline/runs/" not in name
+    ]
     tops = {name.partition("/")[0] for name in wheel} - {"scaffold_pipeline", "scaffold_geometry", "scaffold_stages"}
     faults += [f"wheel installs {name}" for name in tops if not name.endswith(".dist-info")]
     print("\n".join(faults) or f"wheel: {len(wheel)} files, sdist: {len(sdist)} files")

@@ -112,7 +112,7 @@ def test_without_a_certificate_its_gate_is_not_applied_and_says_so():
 
 def test_without_a_mesh_interrupted_struts_are_not_looked_for_and_it_says_so():
     assert measured(solid_of(pierced())).values["gates_not_applied"] == [
-        "interrupted: there is no mesh whose struts and channels could be followed"
+        "interrupted: there is no mesh, so no struts and channels to check"
     ]
 
 
@@ -124,11 +124,11 @@ def test_a_field_of_two_networks_may_have_its_pores_in_two_pieces_and_no_more():
     assert metrics.values["pore_largest_fraction"] == pytest.approx(40.0 / 72.0)
     assert metrics.values["pore_networks_fraction"] == pytest.approx(71.5 / 72.0)
     (failure,) = measured(parted).failed_gates
-    assert failure.startswith("pores_connected: 0.5556 of the pore volume hangs together, at least 0.99")
+    assert failure.startswith("pores_connected: 55.56 % of the pore volume is connected; at least 99 %")
     (failure,) = measured(solid_of(pierced(), pores=(30.0, 30.0, 12.0)), field=two).failed_gates
-    assert failure.startswith("pores_connected: 0.8333 of the pore volume hangs together in 2 networks, at least 0.99")
+    assert failure.startswith("pores_connected: 83.33 % of the pore volume is connected in 2 networks; at least 99 %")
     (failure,) = measured(solid_of(pierced()), field=two).failed_gates
-    assert "1.0000 of the pore volume hangs together instead of lying in 2 networks" in failure
+    assert "100.00 % of the pore volume is connected instead of forming 2 networks" in failure
 
 
 TINY = box((2.0, 2.0, 2.0), (3.0, 3.0, 3.0))
@@ -147,12 +147,12 @@ FAULTS = {
     "pores apart": (
         "pores_connected",
         lambda: {"solid": solid_of(pierced(), pores=(60.0, 12.0))},
-        "pores_connected: 0.8333 of the pore volume hangs together, at least 0.99 is asked for",
+        "pores_connected: 83.33 % of the pore volume is connected; at least 99 % is required",
     ),
     "another porosity": (
         "porosity",
         lambda: {"solid": solid_of(pierced()), "porous": OFF},
-        "porosity: 0.1500 differs from the 0.13 asked for by more than 0.005",
+        "porosity: 0.1500 differs from the 0.13 requested by more than 0.005",
     ),
     "iso too low": (
         "certificate",
@@ -280,7 +280,7 @@ def test_struts_and_throats_are_measured_in_the_file_where_there_is_a_mesh():
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({"min_throat": 0.3}, "min_throat: 12 channels are closed in the file, where at least 0.3 is asked for"),
+        ({"min_throat": 0.3}, "min_throat: 12 channels are closed in the file, where at least 0.3 mm is required"),
         ({"build_volume": (10.0, 10.0, 19.0)}, "build_volume: 20 x 10 x 10 mm do not fit into 10 x 10 x 19 mm"),
         ({"build_volume": (30.0, 9.0, 30.0)}, "build_volume: 20 x 10 x 10 mm do not fit into 30 x 9 x 30 mm"),
     ],
@@ -295,10 +295,10 @@ def test_a_strut_thinner_than_asked_for_fails_and_one_as_thick_passes():
     values = {"thinnest_strut_mm": 0.4, "thinnest_strut_at": "1, 2, 3"}
     sizes = {f"size_{axis}_mm": 1.0 for axis in "xyz"}
     (failure,) = _failed_sizes(values | sizes, MeasureParams(min_strut=0.5))
-    assert failure.startswith("min_strut: 0.4 mm at (1, 2, 3), at least 0.5 is asked for; ")
+    assert failure.startswith("min_strut: 0.4 mm at (1, 2, 3), at least 0.5 mm is required; ")
     assert list(_failed_sizes(values | sizes, MeasureParams(min_strut=0.4))) == []
     (failure,) = _failed_sizes(values | sizes | {"struts_interrupted": 1}, MeasureParams(min_strut=0.4))
-    assert failure.startswith("min_strut: 1 struts are broken in the file, where at least 0.4 is asked for; ")
+    assert failure.startswith("min_strut: 1 struts are broken in the file, where at least 0.4 mm is required; ")
 
 
 def test_without_a_mesh_a_thickness_that_is_asked_for_fails():
@@ -394,7 +394,7 @@ def test_voxels_are_refined_until_struts_have_three():
 
 def test_what_given_voxels_cannot_resolve_is_not_told_and_it_says_what_would_do():
     with pytest.warns(
-        PipelineWarning, match=r"strut_thickness: not told, .* of 0.5 mm, where 3 .* measure to 0\.\d+ mm"
+        PipelineWarning, match=r"strut_thickness: not measured, .* of 0.5 mm, where 3 .* measure to 0\.\d+ mm"
     ):
         metrics = measured(solid_of(thin()), morphometry=True, diffusion=False, voxel_size=0.5)
     assert metrics.values["strut_thickness_mean"] is None
@@ -404,7 +404,7 @@ def test_what_given_voxels_cannot_resolve_is_not_told_and_it_says_what_would_do(
 
 def test_a_solid_that_is_no_manifold_has_no_morphometry_and_it_says_so():
     touching = solid_of(pierced(), box((10.0, 8.0, 6.0), (11.0, 9.0, 7.0)))
-    with pytest.warns(PipelineWarning, match="morphometry: left out, as the solid is no closed manifold"):
+    with pytest.warns(PipelineWarning, match="morphometry: left out, as the solid is not a closed manifold"):
         metrics = measured(touching, morphometry=True)
     assert "strut_thickness_mean" not in metrics.values
 

@@ -85,7 +85,7 @@ FAULTS = {
     ),
     "porosity": (
         lambda: {"solid": plate(), "contour": replace(CONTOUR, porosity_requested=0.206)},
-        "porosity: 0.2000 differs from the 0.206 asked for by more than 0.005; smaller voxels",
+        "porosity: 0.2000 differs from the 0.206 requested by more than 0.005; smaller voxels",
     ),
     "struts_whole": (
         lambda: {"solid": plate(), "given": field(-0.2)},

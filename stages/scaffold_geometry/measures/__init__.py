@@ -1,1 +1,1 @@
-"""What is measured on a solid: each measure a module, its source, unit and error beside it."""
+"""Measures of a solid, one module each, with source, unit and error."""

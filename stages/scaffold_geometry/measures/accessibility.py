@@ -1,9 +1,9 @@
-"""How much of the pore space a ball reaches that comes from outside: what cells, or a drug's carrier, would reach.
+"""Accessible porosity: the share of the pore space that a ball, such as a cell or drug carrier, reaches from outside.
 
 A ball of diameter d is pushed in from OUTSIDE, as mercury is into a porous body (E. W. Washburn, "Note on a method of
 determining the distribution of pore sizes in a porous material", PNAS 7 (1921)); it reaches what it covers, wherever
-its middle can be moved to. Here OUTSIDE is open to it, since it comes from there; at rest its middle lies in the outer
-shape, so that what a great ball only dips into through a mouth does not count as reached.
+its centre can move. OUTSIDE is open to it; only positions with the centre in the outer shape count, so that the space
+that a large ball touches through an opening is not counted as reached.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from scaffold_geometry.arrays import Floats, Ints, Singles
 from scaffold_geometry.voxels.image import OUTSIDE, PORE, STRUT, VoxelImage
 
 REACHES = (0.5, 0.9, 0.99)
-"""Shares of the pore volume whose throats are looked for."""
+"""Shares of the pore volume for which throats are computed."""
 
 
 class Throat(NamedTuple):
-    """The widest ball that reaches `share` of the pore volume: its diameter, mm, and where it is let in, (3,) mm.
+    """The widest ball that reaches `share` of the pore volume: its diameter, mm, and the place of the throat, (3,) mm.
 
     The place is that of the widest way's narrowest voxel, of those as narrow the one that lets the ball into most.
     Without any way in the diameter is 0, the place None.
@@ -42,7 +42,7 @@ class Accessibility(NamedTuple):
 
 
 def accessibility(image: VoxelImage, reaches: Sequence[float] = REACHES) -> Accessibility:
-    """Return the whole curve of an image, with a throat for each of `reaches`: n is 0 without a way in, or a pore.
+    """Return the curve of an image, with a throat for each of `reaches`; n is 0 without an open pore.
 
     Exact in the image: the diameters are all that its voxels can tell apart, 2 sqrt(integer) voxels, and the widest way
     into every voxel is found, not a list of sizes tried. The image is off by up to a voxel of diameter, as in

@@ -18,7 +18,7 @@ from scaffold_geometry.arrays import Bools, Ints, Singles
 from scaffold_geometry.jit import kernel, parallel_kernel, prange
 
 _LAYERS = 16
-"""Layers of the image that a thread paints at a time."""
+"""Layers of the image that a thread fills at a time."""
 
 MOST_PAINTED = 4e10
 """Voxels painted for one image at most, each as often as balls hold it: a minute or two of two cores."""

@@ -1,4 +1,4 @@
-"""How a solid hangs together: its Euler number, pieces, cavities and loops, and the density of its connections."""
+"""The connectivity of a solid: Euler number, pieces, cavities, loops and connectivity density."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from scaffold_geometry.arrays import Ints
 class Connectivity(NamedTuple):
     """The topology of a solid: its Euler number is pieces - loops + cavities.
 
-    `pieces`: parts that do not hang together; `cavities`: closed pores; `loops`: struts that could be cut before a
-    piece falls apart, summed over the pieces (the genus of its surfaces, the first Betti number).
+    `pieces`: connected parts; `cavities`: closed pores; `loops`: number of independent loops, summed over the pieces
+    (the genus of its surfaces, the first Betti number).
     """
 
     pieces: int
@@ -36,7 +36,7 @@ class Connectivity(NamedTuple):
 
 
 def connectivity(faces: Ints, pieces: int, cavities: int) -> Connectivity:
-    """Return how a solid of so many pieces and cavities hangs together; `faces` (m, 3) are a closed manifold.
+    """Return the connectivity of a solid with these numbers of pieces and cavities; `faces` (m, 3) are closed.
 
     From vertices - edges + faces of the surface, where three edges belong to two faces, which is twice the solid's
     Euler number: exact, of what the file holds, where voxels close gaps and break struts thinner than they are.

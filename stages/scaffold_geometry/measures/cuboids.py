@@ -1,4 +1,4 @@
-"""The largest box of set voxels, by exhaustion: every range of layers, and in it the largest rectangle."""
+"""The largest box of set voxels, by exhaustive search: for every range of layers, the largest rectangle."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What several measuring stages tell under the same keys, declared once, and how places are told."""
+"""Metrics that several measuring stages share, and the facts of a place."""
 
 from __future__ import annotations
 
@@ -22,12 +22,14 @@ POROSITY = (
         method=_VOLUMES,
         shown_in=("headline", "caption"),
     ),
-    Metric("porosity_requested", "", "Porosity asked for", "What the iso-value was solved for.", _POROSITY),
+    Metric(
+        "porosity_requested", "", "Requested porosity", "The porosity that the iso-value was solved for.", _POROSITY
+    ),
     Metric(
         "iso",
         "",
         "Iso-value",
-        "Solid is where the field is above it: pores grow as it grows.",
+        "The solid is where the field is above it; pores grow with it.",
         _POROSITY,
         shown_in=("caption",),
     ),
@@ -35,7 +37,7 @@ POROSITY = (
         "porosity_open",
         "",
         "Open porosity",
-        "Share that is pore and reached from outside; Po(op).",
+        "Share that is pore and connected to the outside; Po(op).",
         _POROSITY,
         symbol="Po(op)",
         method=_VOLUMES,
@@ -44,7 +46,7 @@ POROSITY = (
         "porosity_closed",
         "",
         "Closed porosity",
-        "Share that is pore and reached from nowhere; Po(cl).",
+        "Share that is pore and not connected to the outside; Po(cl).",
         _POROSITY,
         symbol="Po(cl)",
         method=_VOLUMES,
@@ -53,7 +55,7 @@ POROSITY = (
         "volume_mm3",
         "mm\u00b3",
         "Volume of the solid",
-        "What has to be printed; BV.",
+        "Material to be printed; BV.",
         _POROSITY,
         symbol="BV",
         method=_VOLUMES,
@@ -63,27 +65,33 @@ POROSITY = (
         "outer_volume_mm3",
         "mm\u00b3",
         "Volume of the outer shape",
-        "The anatomy before it was made porous; TV.",
+        "Volume of the anatomical shape, solid and pores; TV.",
         _POROSITY,
         symbol="TV",
         method=_VOLUMES,
     ),
 )
-"""How much of the outer shape is pore."""
+"""Metrics of porosity."""
 
 PORES = (
-    Metric("pore_pieces", "", "Pieces of pore space", "One lets fluid and cells reach everywhere.", "Pores"),
+    Metric("pore_pieces", "", "Pieces of pore space", "With one piece, fluid and cells can reach all pores.", "Pores"),
     Metric("pore_largest_fraction", "", "Largest piece of pore space", "Its share of the pore volume.", "Pores"),
-    Metric("pore_networks", "", "Networks of pores", "As many as the field has by design.", ""),
-    Metric("pore_networks_fraction", "", "Share of the networks", "Of the pore volume.", ""),
+    Metric("pore_networks", "", "Networks of pores", "Number of separate pore networks of the field by design.", ""),
+    Metric(
+        "pore_networks_fraction",
+        "",
+        "Share of the networks",
+        "Share of the pore volume in as many of the largest pieces.",
+        "",
+    ),
 )
-"""How the pore space hangs together."""
+"""Metrics of the connectivity of the pores."""
 
 AREA = Metric(
     "area_mm2",
     "mm\u00b2",
     "Area of the solid",
-    "Where cells can settle, the outer surface included; BS.",
+    "Surface area, the outer surface included; BS.",
     "Surface",
     symbol="BS",
     method=AREAS,
@@ -92,19 +100,19 @@ AREA = Metric(
 
 SIZE = (
     Metric("triangles", "", "Triangles", "Of the solid's surface.", "Surface"),
-    Metric("size_{axis}_mm", "mm", "Size along {axis}", "Room that it takes.", "Printability"),
+    Metric("size_{axis}_mm", "mm", "Size along {axis}", "Of the bounding box.", "Printability"),
 )
-"""How large the solid is."""
+"""Metrics of size."""
 
 COMPUTED = (
     Metric("cells", "", "Cells", "Of the volume mesh; each holds one pore.", _COMPUTED),
     Metric("elements", "", "Elements", "Points and segments that the field is interpolated from.", _COMPUTED),
-    Metric("voxels", "", "Voxels", "Samples of the field.", _COMPUTED),
-    Metric("voxel_size", "mm", "Voxel size", "Distance between samples: finer details are lost.", _COMPUTED),
+    Metric("voxels", "", "Voxels", "Number of samples of the field.", _COMPUTED),
+    Metric("voxel_size", "mm", "Voxel size", "Distance between samples; finer details are not resolved.", _COMPUTED),
 )
-"""What the field was computed with."""
+"""Metrics of the computation of the field."""
 
-GATES_NOT_APPLIED = Metric("gates_not_applied", "", "Gates not applied", "Those that had nothing to judge.", "")
+GATES_NOT_APPLIED = Metric("gates_not_applied", "", "Gates not applied", "Gates without a metric to check.", "")
 
 
 def place_metrics(name: str, title: str, meaning: str, method: str) -> tuple[Metric, Metric]:

@@ -1,4 +1,4 @@
-"""The measures of a solid as facts under flat names; lengths mm, other units in the name."""
+"""The measures of a solid as facts with flat names; lengths in mm, other units in the name."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CONNECTIVITY_METRICS = (
         "loops",
         "",
         "Loops",
-        "Struts that could be cut before the solid falls apart.",
+        "Number of independent loops (first Betti number).",
         "Connectivity",
         symbol="Conn",
         method=_TOPOLOGY,
@@ -43,7 +43,7 @@ CONNECTIVITY_METRICS = (
         method=_TOPOLOGY,
     ),
 )
-"""What `connectivity_facts` tells."""
+"""The metrics of `connectivity_facts`."""
 
 _FABRIC = "mean intercept length of the pores' walls, from the triangles: 0.003"
 
@@ -51,7 +51,7 @@ ANISOTROPY_DIRECTION = Metric(
     "anisotropy_direction",
     "",
     "Direction of anisotropy",
-    "Along which struts run most: x, y and z of a vector of length 1.",
+    "Main direction of the struts: x, y and z of a unit vector.",
     "Connectivity",
     method=_FABRIC,
 )
@@ -61,7 +61,7 @@ SURFACE_METRICS = (
         "pore_surface_mm2",
         "mm\u00b2",
         "Area of the pores",
-        "What of it faces pores: without the cut of the outer shape.",
+        "Surface towards the pores, without the cut at the outer shape.",
         "Surface",
         method=AREAS,
     ),
@@ -87,7 +87,7 @@ SURFACE_METRICS = (
         "pore_surface_per_total_per_mm",
         PER_MM,
         "Area of the pores per total volume",
-        "Without the cut of the outer shape.",
+        "Without the cut at the outer shape.",
         "",
         method=AREAS,
     ),
@@ -95,7 +95,7 @@ SURFACE_METRICS = (
         "anisotropy_degree",
         "",
         "Degree of anisotropy",
-        "0 where all directions are alike, towards 1 where one rules; DA.",
+        "0 if isotropic, towards 1 if the struts have one direction; DA.",
         "Connectivity",
         symbol="DA",
         method=_FABRIC,
@@ -120,10 +120,10 @@ SURFACE_METRICS = (
         method=_FABRIC,
     ),
 )
-"""What `surface_facts` tells."""
+"""The metrics of `surface_facts`."""
 
 _LAPLACE = (
-    "Laplace's equation in the largest box within the outer shape, finite volumes; `*_error` is the voxels' part, to a "
+    "Laplace's equation in the largest box in the outer shape, finite volumes; `*_error` is the voxels' error, to a "
     "factor of two"
 )
 
@@ -132,7 +132,7 @@ TRANSPORT_METRICS = (
         "tortuosity_{axis}",
         "",
         "Tortuosity along {axis}",
-        "How much the way through the pores is drawn out.",
+        "Porosity over relative diffusivity (tortuosity factor); 1 for straight channels.",
         "Transport",
         method=_LAPLACE,
     ),
@@ -140,7 +140,7 @@ TRANSPORT_METRICS = (
         "relative_diffusivity_{axis}",
         "",
         "Diffusivity along {axis}",
-        "Of a molecule through the pores, against the free fluid's.",
+        "Effective diffusivity through the pores, relative to the free fluid.",
         "Transport",
         method=_LAPLACE,
     ),
@@ -148,7 +148,7 @@ TRANSPORT_METRICS = (
         "relative_diffusivity_{axis}_error",
         "",
         "Diffusivity along {axis}, error",
-        "What the voxels are estimated to take off.",
+        "Estimated error due to the voxels.",
         "",
         method=_LAPLACE,
     ),
@@ -158,7 +158,7 @@ TRANSPORT_METRICS = (
     Metric("diffusion_box_share", "", "Share of the diffusion's box", "Of the outer shape's volume.", ""),
     Metric("diffusion_voxel_size", "mm", "Voxel size of the diffusion", "Edge of the cells computed with.", ""),
 )
-"""What `transport_facts` tells."""
+"""The metrics of `transport_facts`."""
 
 
 def connectivity_facts(faces: Ints, pieces: int, cavities: int, total_volume: float) -> dict[str, Fact]:
@@ -174,7 +174,7 @@ def connectivity_facts(faces: Ints, pieces: int, cavities: int, total_volume: fl
 
 
 def surface_facts(solid: SurfaceMesh, outer: SurfaceMesh, on_outer: float) -> dict[str, Fact]:
-    """Return how much surface there is, and how it lies: BS/BV, BS/TV, mean intercept lengths, anisotropy.
+    """Return surface areas and their directions: BS/BV, BS/TV, mean intercept lengths, anisotropy.
 
     Faces within `on_outer` mm of the outer shape are those of the clip, or of a skin.
     """

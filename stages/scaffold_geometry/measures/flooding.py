@@ -1,4 +1,4 @@
-"""The widest way into each voxel of an image: how large a ball comes there from outside, and through what throat.
+"""The widest path from outside to each voxel of an image: the largest ball that gets there, and its throat.
 
 The widest path from one place to all, whose narrowest place is the widest that there is: M. Pollack, "The maximum
 capacity through a network", Operations Research 8 (1960). Here the places are voxels and the capacity of each is its

@@ -1,4 +1,4 @@
-"""The quality gates of a solid: what its metrics must be, a line for each that fails."""
+"""The quality gates of a solid: conditions on its metrics, with one line for each that fails."""
 
 from __future__ import annotations
 
@@ -10,60 +10,60 @@ from scaffold_pipeline.artifacts import Fact, Gate, ScalarField, VolumeMesh
 from scaffold_pipeline.stages.contract import Millimetres, Params, Share
 
 MANIFOLD = Gate("manifold", "The surface is closed, with two triangles at each edge.", "gate_manifold")
-POROSITY_ASKED_FOR = Gate("porosity", "The porosity is the one asked for.", "gate_porosity")
+POROSITY_ASKED_FOR = Gate("porosity", "The porosity is the requested one.", "gate_porosity")
 
 GATES = (
     MANIFOLD,
     Gate("one_piece", "The solid is one piece without closed pores.", "gate_one_piece"),
-    Gate("pores_connected", "The pores hang together.", "gate_pores_connected"),
+    Gate("pores_connected", "The pores are connected.", "gate_pores_connected"),
     Gate("interrupted", "Struts are whole and channels open in the file itself.", "gate_interrupted"),
     POROSITY_ASKED_FOR,
-    Gate("certificate", "The iso-value lies in the window of the certificate.", "gate_certificate"),
-    Gate("min_strut", "The thinnest strut is as thick as asked for.", "min_strut"),
-    Gate("min_throat", "The narrowest throat is as wide as asked for.", "min_throat"),
+    Gate("certificate", "The iso-value is in the window of the certificate.", "gate_certificate"),
+    Gate("min_strut", "The thinnest strut has at least the required thickness.", "min_strut"),
+    Gate("min_throat", "The narrowest throat has at least the required width.", "min_throat"),
     Gate("build_volume", "The solid fits into the printer.", "build_volume"),
 )
-"""What `failed_gates` judges."""
+"""The gates of `failed_gates`."""
 
 
 class GateParams(Params):
-    """A switch for each quality gate of a solid, and how much it lets pass."""
+    """A switch and a tolerance for each quality gate of a solid."""
 
     porosity_tolerance: Share = Field(default=0.005, gt=0.0, lt=1.0)
-    """How far the porosity may be from the one asked for."""
+    """Greatest difference of the porosity from the requested one."""
 
     least_connected_pores: Share = Field(default=0.99, ge=0.0, le=1.0)
-    """Share of the pore volume that must hang together; the clip cuts slivers off at the surface."""
+    """Least connected share of the pore volume; the clip separates small pores at the surface."""
 
     most_interrupted: Share = Field(default=0.02, ge=0.0, le=1.0)
-    """Share of the struts, and of the channels, that may be interrupted in the file where voxels are too large."""
+    """Greatest share of struts, and of channels, that may be interrupted in the file."""
 
     min_strut: Millimetres | None = Field(default=None, gt=0.0)
-    """Thickness that every strut must have, so that none may be broken; not asked for by default."""
+    """Least thickness of every strut, of which none may be broken; no limit by default."""
 
     min_throat: Millimetres | None = Field(default=None, gt=0.0)
-    """Width that the throat of every channel must have, so that none may be closed; not asked for by default."""
+    """Least width of the throat of every channel, of which none may be closed; no limit by default."""
 
     build_volume: tuple[Millimetres, Millimetres, Millimetres] | None = None
-    """The printer's room, in which the solid must find place, turned by right angles; not asked for by default."""
+    """Size of the printer's build volume, into which the solid must fit in some axis order; no limit by default."""
 
     gate_manifold: bool = True
     """Whether an open or non-manifold solid fails."""
 
     gate_one_piece: bool = True
-    """Whether a solid of several pieces, or with closed pores, fails; a skin closes its pores of necessity."""
+    """Whether a solid of several pieces, or with closed pores, fails; with a skin closed pores are allowed."""
 
     gate_pores_connected: bool = True
-    """Whether pores that do not hang together fail, or both networks of a sheet that do."""
+    """Whether unconnected pores fail, and connected ones of a field with separate networks by design."""
 
     gate_interrupted: bool = True
-    """Whether a file fails in which too many struts are broken or too many channels closed."""
+    """Whether too many broken struts or closed channels in the file fail."""
 
     gate_porosity: bool = True
-    """Whether a porosity off the one asked for fails."""
+    """Whether a porosity outside the tolerance fails."""
 
     gate_certificate: bool = True
-    """Whether an iso outside the field's certified window fails."""
+    """Whether an iso-value outside the certificate's window fails."""
 
     @field_validator("build_volume")
     @classmethod
@@ -78,7 +78,7 @@ def gates_not_applied(field: ScalarField, mesh: VolumeMesh | None, params: GateP
     if params.gate_certificate and field.certificate is None:
         yield "certificate: the field has none"
     if params.gate_interrupted and mesh is None:
-        yield "interrupted: there is no mesh whose struts and channels could be followed"
+        yield "interrupted: there is no mesh, so no struts and channels to check"
 
 
 def failed_gates(values: dict[str, Fact], params: GateParams, *, most_closed: int) -> Iterator[str]:
@@ -103,7 +103,7 @@ def _failed_shares(values: dict[str, Fact], params: GateParams) -> Iterator[str]
     asked = values["porosity_requested"]
     if params.gate_porosity and asked is not None and abs(porosity - to_number(asked)) > params.porosity_tolerance:
         yield (
-            f"porosity: {porosity:.4f} differs from the {to_number(asked):g} asked for by more than "
+            f"porosity: {porosity:.4f} differs from the {to_number(asked):g} requested by more than "
             f"{params.porosity_tolerance:g}; less smoothing or smaller voxels bring it nearer"
         )
 
@@ -114,12 +114,12 @@ def _failed_connections(values: dict[str, Fact], least: float) -> Iterator[str]:
     if connected < least:
         parted = f" in {networks:g} networks" if networks > 1 else ""
         yield (
-            f"pores_connected: {connected:.4f} of the pore volume hangs together{parted}, at least {least:g} is asked "
-            "for; raise porosity or use smaller voxels"
+            f"pores_connected: {100 * connected:.2f} % of the pore volume is connected{parted}; at least "
+            f"{100 * least:g} % is required; raise porosity or use smaller voxels"
         )
     elif networks > 1 and largest >= least:
         yield (
-            f"pores_connected: {largest:.4f} of the pore volume hangs together instead of lying in {networks:g} "
+            f"pores_connected: {100 * largest:.2f} % of the pore volume is connected instead of forming {networks:g} "
             "networks, so the sheet between them has holes; lower porosity or use smaller voxels"
         )
 
@@ -167,7 +167,7 @@ def _failed_sizes(values: dict[str, Fact], params: GateParams) -> Iterator[str]:
 def _failed_size(values: dict[str, Fact], name: str, rule: tuple[float, str, str], remedy: str) -> Iterator[str]:
     """Yield a line where a part is interrupted, or less than the `rule` asks: mm, the parts and their key."""
     asked, parts, key = rule
-    remedy = f"at least {asked:g} is asked for; {remedy}, or use larger cells or smaller voxels"
+    remedy = f"at least {asked:g} mm is required; {remedy}, or use larger cells or smaller voxels"
     kind, _, state = parts.partition(" ")
     interrupted, found = values.get(f"{kind}_interrupted"), values.get(f"{key}_mm")
     if interrupted:

@@ -1,12 +1,11 @@
-"""How thick struts are, and how wide pores: the greatest ball over each voxel that lies in its phase.
+"""Thickness of struts and width of pores: the largest ball within the phase that contains each voxel.
 
 T. Hildebrand, P. Rueegsegger, "A new method for the model-independent assessment of thickness in three-dimensional
 images", J. Microscopy 185 (1997); by the balls of R. Dougherty, K.-H. Kunzelmann, "Computing local thickness of 3D
 structures with ImageJ", Microsc. Microanal. 13 (2007).
 
-OUTSIDE is a wall for both phases. A strut ends where the solid ends. A pore ends at the outer shape, as what lies
-beyond is the body that the scaffold is put into: a ball that might leave would have no size at the mouths, that of the
-room around it.
+OUTSIDE is a wall for both phases. A pore ends at the outer shape, as the body around the scaffold begins there; without
+this wall, the size of a pore at its opening would be undefined.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from scaffold_geometry.voxels.image import VoxelImage
 PERCENTILES = (5.0, 25.0, 75.0, 95.0)
 
 LEAST_RESOLVED = 3.0
-"""Voxels across a wall below which its thickness is more sampling than wall: a voxel more or less is a third of it."""
+"""Least resolved thickness of a wall, voxels: an error of one voxel is a third of it."""
 
 _BINS = 40
 """Bars of a histogram at most; none is narrower than a voxel."""
@@ -99,7 +98,7 @@ def thickness_at(image: VoxelImage, thickness: Singles, points: Floats) -> Float
 
 
 def is_resolved(mean_thickness: float, spacing: float) -> bool:
-    """Tell whether walls of `mean_thickness` are `LEAST_RESOLVED` voxels thick: both mm."""
+    """Return whether walls of `mean_thickness` are at least `LEAST_RESOLVED` voxels thick; both in mm."""
     return mean_thickness >= LEAST_RESOLVED * spacing
 
 

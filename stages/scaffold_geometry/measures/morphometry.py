@@ -1,4 +1,4 @@
-"""Struts, pores and the ways through them, measured on voxels: what the scaffold's morphology is called in numbers.
+"""Morphometry of struts and pores, and throats, measured on voxels.
 
 Names are those of this project; beside them stand BoneJ's (R. Domander, A. A. Felder, M. Doube, Wellcome Open Research
 6 (2021) 37): Tb.Th strut thickness, Tb.Sp pore size.
@@ -30,10 +30,10 @@ from scaffold_pipeline.artifacts import Curve, Fact, Histogram, Metric, SurfaceM
 from scaffold_pipeline.errors import warn
 
 MOST_VOXELS = 512**3
-"""Voxels of an image at most: thickness and ways in need 2 GB of memory for so many."""
+"""Most voxels of an image: thickness and accessibility need 2 GB of memory for these."""
 
 _USUAL_VOXELS = 1e7
-"""Voxels that are taken where no size is given: ten seconds on two cores."""
+"""Most voxels by default: ten seconds on two cores."""
 
 _FINER = 4.0
 """Voxels across the mean strut or pore that a refinement aims at, where there were fewer than three."""
@@ -45,7 +45,7 @@ _BALLS = (
     "shape is a wall"
 )
 _WAYS = (
-    "widest ball that gets from outside to that share of the pores, and the neck that holds up a wider one; the share "
+    "widest ball that reaches that share of the pores from outside, and the neck that stops a wider one; the share "
     "that a ball of `probes` reaches: a voxel"
 )
 
@@ -99,18 +99,18 @@ METRICS = (
         method=_WAYS,
     ),
     *place_metrics(
-        "throat_{share}", "Place of the throat to {share} % of the pores", "The neck that holds up a wider ball.", _WAYS
+        "throat_{share}", "Place of the throat to {share} % of the pores", "The neck that stops a wider ball.", _WAYS
     ),
     Metric(
         "accessible_to_{probe}_mm",
         "",
         "Pores open to {probe} mm",
-        "Share of the pore space that a ball so wide reaches from outside.",
+        "Share of the pore space that a ball of this diameter reaches from outside.",
         "Pores",
         method=_WAYS,
     ),
 )
-"""What `morphometry` tells, but for the next."""
+"""The metrics of `morphometry`, except the next."""
 
 VOXEL_SIZE = Metric(
     "measure_voxel_size",
@@ -159,8 +159,8 @@ def morphometry(
     """Measure struts and pores of a `solid` in its `outer` shape on voxels of `spacing` mm, 512^3 at most.
 
     Where the mean strut or pore has fewer than three voxels, finer ones are taken if they may and are few enough;
-    else what cannot be told is None, with a `PipelineWarning`. `probes` are diameters, mm, whose share of the pore
-    space is told; `at` (n, 3) mm are the points whose strut thickness is.
+    otherwise unresolved values are None, with a `PipelineWarning`. `probes` are diameters, mm, for the accessible share
+    of the pore space; `at` (n, 3) mm are points at which the strut thickness is returned.
     """
     phases = _resolve_phases(solid, outer, spacing, may_refine=may_refine)
     image = phases.image
@@ -202,8 +202,9 @@ def _is_told(name: str, found: Distribution, spacing: float) -> bool:
     if is_resolved(found.mean, spacing):
         return True
     warn(
-        f"{name}: not told, as its mean of {found.mean:.3g} mm is {found.mean / spacing:.2g} voxels of {spacing:.3g} "
-        f"mm, where {LEAST_RESOLVED:g} are needed; set voxel_size of measure to {found.mean / LEAST_RESOLVED:.2g} mm"
+        f"{name}: not measured, as its mean of {found.mean:.3g} mm is {found.mean / spacing:.2g} voxels of "
+        f"{spacing:.3g} mm, where {LEAST_RESOLVED:g} are needed; set voxel_size of measure to "
+        f"{found.mean / LEAST_RESOLVED:.2g} mm"
     )
     return False
 

@@ -1,4 +1,4 @@
-"""What the triangles of a surface show of themselves along a direction."""
+"""Projected areas of the triangles of a surface along directions."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""How thick struts are and how wide channels, along the axes that the mesh gives them, and which are interrupted.
+"""Thickness of struts and width of channels along the axes of the mesh, and interrupted struts and channels.
 
-An axis is followed exactly: every triangle of the solid that it passes through is found, so that no break is too short
-to be seen. The thickness at a point of an axis is the diameter of the greatest ball across it: its middle lies in the
-plane at right angles to the axis and the ball comes within half a voxel of it, as an iso-surface on voxels is off by so
-much and leaves the axis beside the middle of its strut. The ball about the axis itself would tell how far the axis is
-from the wall, not how thick the strut is.
+All triangles of the solid that an axis crosses are found exactly, so that no gap is missed. The thickness at a point of
+an axis is the diameter of the largest inscribed ball across it: its centre is in the plane normal to the axis, and the
+ball comes within half a voxel of the axis, as an iso-surface on voxels has this error, so that the axis is not central
+in its strut. A ball centred on the axis would measure the distance of the axis from the wall, not the thickness.
 """
 
 from __future__ import annotations
@@ -23,25 +22,25 @@ if TYPE_CHECKING:
     from scaffold_geometry.measures.surface_tree import SurfaceTree
 
 _BATCH = 256
-"""Points whose ball is looked for at a time: a later batch is left out where its points lie too deep."""
+"""Points per batch; a later batch is skipped if all its points are too far from a wall."""
 
-_HOW = "along the mesh: the greatest ball across an axis, half a voxel at most too great; the count is exact"
+_HOW = "along the mesh: the largest inscribed ball across an axis, at most half a voxel too large; counts are exact"
 
 METRICS = (
     Metric(
         "thinnest_strut_mm",
         "mm",
         "Thinnest strut",
-        "Diameter at the thinnest place of all mesh edges that are whole in the file.",
+        "Diameter at the thinnest place of all struts that are whole in the file.",
         "Struts",
         method=_HOW,
     ),
-    *place_metrics("thinnest_strut", "Place of the thinnest strut", "The middle of that ball.", _HOW),
+    *place_metrics("thinnest_strut", "Place of the thinnest strut", "The centre of that ball.", _HOW),
     Metric(
         "struts_interrupted",
         "",
         "Struts interrupted",
-        "Mesh edges that are broken in the file itself.",
+        "Mesh edges with a gap in the file.",
         "Struts",
         method=_HOW,
     ),
@@ -53,12 +52,12 @@ METRICS = (
         "Pores",
         method=_HOW,
     ),
-    *place_metrics("narrowest_throat", "Place of the narrowest throat", "The middle of that ball.", _HOW),
+    *place_metrics("narrowest_throat", "Place of the narrowest throat", "The centre of that ball.", _HOW),
     Metric(
         "channels_interrupted",
         "",
         "Channels interrupted",
-        "Passages that are closed in the file itself.",
+        "Channels that are closed in the file.",
         "Connectivity",
         method=_HOW,
     ),
@@ -66,19 +65,19 @@ METRICS = (
 """The metrics of `thinnest_strut` and `narrowest_throat`."""
 
 _WAYS = 8
-"""Ways across an axis in which a ball is moved."""
+"""Directions across an axis in which a ball is moved."""
 
 _FINEST = 1.0 / 64.0
-"""Share of half a voxel by which a ball is moved at the last."""
+"""Last step of a ball, as a share of half a voxel."""
 
 _TOUCHES = 1.0 / 16.0
-"""Share of half a voxel at which a ball touches a wall, as it is not moved until it does."""
+"""Distance from a wall at which a ball counts as touching, as a share of half a voxel: steps are finite."""
 
 
 class Narrowest(NamedTuple):
-    """How many axes leave their side, and the least diameter, mm, along the others, with its ball's middle (3,), mm.
+    """The number of interrupted axes, and the least diameter along the others, mm, with its ball's centre (3,), mm.
 
-    Both are None where no axis is whole, or no point of one counts.
+    Both are None if no axis is whole, or no point of one counts.
     """
 
     interrupted: int

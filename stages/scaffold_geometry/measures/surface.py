@@ -1,4 +1,4 @@
-"""How much surface a solid has, and how much of it is the pores'."""
+"""Surface area of a solid, and of its pores."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scaffold_geometry.surfaces.triangles import face_areas
 Surface = tuple[Floats, Ints]
 
 _TRIANGLES = 2_000_000
-"""Triangles whose distances are asked for at once."""
+"""Triangles whose distances are computed at once."""
 
 
 class SurfaceMeasures(NamedTuple):

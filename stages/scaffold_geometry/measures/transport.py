@@ -1,4 +1,4 @@
-"""How well something diffuses through the pores: effective diffusivity and tortuosity along x, y and z."""
+"""Diffusion through the pores: effective diffusivity and tortuosity along x, y and z."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class Transport(NamedTuple):
 
 
 def transport(image: VoxelImage, most_cells: int = 1_000_000) -> Transport | None:
-    """Return how well something diffuses through the pores along each axis; None where the shape is a voxel thin.
+    """Return the diffusion through the pores along each axis; None if the shape is only a voxel thick.
 
     An outer shape has no two opposite faces, so diffusion is followed through the largest box in it. Concentration is
     1 on one face of the box and 0 on the opposite one, nothing crosses the others and the struts; Laplace's equation
@@ -89,7 +89,7 @@ def _trim_box(box: InscribedBox, multiple: int) -> InscribedBox:
 
 
 def diffusion_through(pores: Bools, factor: int = 1) -> tuple[AxisTransport, AxisTransport, AxisTransport]:
-    """Return how well something diffuses through `pores` (nx, ny, nz) along each axis, in blocks of `factor` voxels.
+    """Return the diffusion through `pores` (nx, ny, nz) along each axis, in blocks of `factor` voxels.
 
     Each side must be a multiple of twice the `factor`.
     """
