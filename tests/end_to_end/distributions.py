@@ -28,6 +28,11 @@ SDIST_NEEDS = (
 FOREIGN = ("__pycache__", "/runs/", ".venv/", ".ci/")
 
 
+def _outside_our_room(name: str) -> str:
+    """Return the path of a file, without the folder `runs` that is the engine's own."""
+    return f"/{name}".replace("/scaffold_pipeline/runs/", "/scaffold_pipeline/")
+
+
 def main(folder: Path) -> int:
     """Print what is missing from, or foreign in, the distributions; return 1 where there is something."""
     wheel = zipfile.ZipFile(next(folder.glob("*.whl"))).namelist()
