@@ -54,6 +54,7 @@ def test_its_solid_is_what_was_asked_for(executed):
     cells, folder = executed
     told = "".join(output.text for output in cells[7].outputs if output.output_type == "stream")
     assert "1 piece" in told
+    assert shown(cells[6], "text/plain") == ["'all gates passed'"]
     assert "watertight: True" in told
-    assert float(told.split()[1].rstrip(",")) == pytest.approx(0.6, abs=0.01)
+    assert float(told.split()[1].rstrip(",")) == pytest.approx(0.5, abs=0.01)
     assert [path.name for path in (folder / "femur").iterdir()] == ["solid.stl"]
