@@ -277,5 +277,7 @@ def test_what_is_no_array_is_told_by_its_type_and_a_number_that_is_not_finite_by
 
 def test_triangles_that_disagree_are_told_before_the_sign_of_a_volume_that_says_nothing():
     mixed = np.vstack([OUTWARD[:1], OUTWARD[1:, ::-1]])
-    with pytest.raises(StageError, match=r"OuterShape: must be closed, with the next triangle across each side"):
+    with pytest.raises(
+        StageError, match=r"OuterShape: must be closed and consistently oriented, but 6 of 12 triangle sides have no"
+    ):
         OuterShape(CORNERS, mixed)

@@ -212,7 +212,7 @@ def test_inputs_and_parameters_that_do_not_fit_are_told(install: Install):
         check_stage("count_points", inputs={"points": points()}, params={"least": "many"})
     with pytest.raises(StageDefinitionError) as caught:
         check_stage("count_points", inputs={"points": points()}, params={"lest": 1})
-    refused = "stage 'count_points': the parameters given are refused: unknown parameter 'lest'; did you mean 'least'?"
+    refused = "stage 'count_points': the given parameters are invalid: unknown parameter 'lest'; did you mean 'least'?"
     assert str(caught.value) == refused
 
 

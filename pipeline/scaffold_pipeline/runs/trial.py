@@ -53,7 +53,8 @@ class _Trial:
             "executor": lambda: executor,
         }
         engine = {name: offered[name]() for name in self.stage.engine_arguments}
-        return self.stage.function(**self.inputs, **engine)
+        with np.errstate(divide="warn", over="warn", under="ignore", invalid="warn"):  # numpy's own, whatever was set
+            return self.stage.function(**self.inputs, **engine)
 
 
 def run_faults(stage: Stage, inputs: Mapping[str, Artifact], given: Mapping[str, Any] | Params, seed: int) -> list[str]:
@@ -101,9 +102,7 @@ def _results_of_call(
     with _watch(trial.folder, trial.folder / name, faults):
         output = trial.call(out, executor)
     if not isinstance(output, trial.stage.output):
-        faults.append(
-            f"returned {with_article(type(output))}, but its annotation is {with_article(trial.stage.output)}"
-        )
+        faults.append(f"returned {with_article(type(output))}, but its annotation is {trial.stage.output.__name__}")
         return {}
     faults += (
         f"the array {entry.name!r} of its {type(output).__name__} is writable; call `own_array` in __post_init__"

@@ -122,8 +122,9 @@ def narrowest_throat(
     is_crossed = crossings.shares <= 1.0
     if skin > 0.0:
         leaves = np.bincount(skeleton.channel_faces)[skeleton.channel_faces] == 1
-        counts = ~axes.at_points(leaves) & (outer.signed_distances(axes.points) <= -skin)
-        is_crossed &= ~leaves[crossings.axes] & (outer.signed_distances(crossings.points) <= -skin)
+        within = -(skin + spacing / 2.0)  # the skin's inner wall is found on a grid: channels that end on it are open
+        counts = ~axes.at_points(leaves) & (outer.signed_distances(axes.points) <= within)
+        is_crossed &= ~leaves[crossings.axes] & (outer.signed_distances(crossings.points) <= within)
     is_closed = axes.any(counts & crossings.is_solid(axes))
     is_closed[crossings.axes[is_crossed]] = True
     counted = np.flatnonzero(counts & ~axes.at_points(is_closed))

@@ -126,3 +126,11 @@ def test_a_skin_closes_no_channel_that_stays_within():
     _, throat = measured(rooms() + outside, skin=2.0)
     assert throat.interrupted == 0
     assert throat.diameter == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(("wall", "closed"), [(9.99, 0), (9.8, 4)])
+def test_channels_that_end_on_the_inner_wall_of_a_skin_are_open(wall: float, closed: int):
+    solid = (rooms() + body((0.0, 0.0, wall), (20.0, 20.0, 12.0))) ^ body((0.0, 0.0, 0.0), (20.0, 20.0, 12.0))
+    outer = SurfaceTree(*box((0.0, 0.0, 0.0), (20.0, 20.0, 12.0)))
+    throat = narrowest_throat(SKELETON, SurfaceTree(*booleans.from_manifold(solid)), outer, SPACING, 2.0)
+    assert throat.interrupted == closed

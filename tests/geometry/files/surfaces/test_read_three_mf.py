@@ -194,7 +194,7 @@ def test_beams_are_refused_also_where_the_extension_is_optional(path: Path):
 def test_meshes_that_are_no_body_of_their_own_for_a_slicer_are_refused(path: Path, name: str):
     said = f'<metadatagroup><metadata name="cura:{name}" type="xs:string">True</metadata></metadatagroup>'
     attributes = 'unit="millimeter" xmlns:cura="http://software.ultimaker.com/xml/cura/3mf/2015/10"'
-    with pytest.raises(StageError, match=f"object 1 is no body of its own for the slicer .{name}"):
+    with pytest.raises(StageError, match=f"object 1 is not a separate body for the slicer .{name}"):
         read_surface(written(path, model(thing(1, said + mesh(2)), item(1), attributes)))
 
 
