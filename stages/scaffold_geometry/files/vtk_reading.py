@@ -43,6 +43,17 @@ def _has_old_ends(start: bytes) -> bool:
     return b"\0" not in start and b"\r" in start and b"\n" not in start
 
 
+def update_reader(reader: Any, path: str) -> str:  # noqa: ANN401 - VTK's types are unknown to mypy
+    """Have a VTK reader read the file `path`; return what VTK reports meanwhile, which may be an error."""
+    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
+
+    window = vtkStringOutputWindow()
+    vtkOutputWindow.SetInstance(window)
+    reader.SetFileName(without_mark(path))
+    reader.Update()
+    return str(window.GetOutput())
+
+
 def first_complaint(complaint: str | bytes) -> str:
     """Return VTK's first message without source line, object address and file name."""
     text = complaint.decode("ascii", "replace") if isinstance(complaint, bytes) else complaint

@@ -7,18 +7,15 @@ million triangles.
 
 from __future__ import annotations
 
-import ctypes
 import zipfile
 from array import array
 from pathlib import Path
-from typing import Any
 from xml.parsers import expat
 from xml.sax.saxutils import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scaffold_geometry.arrays import Singles
+from scaffold_geometry.files.lib3mf_meshes import mesh_arrays
 from scaffold_geometry.files.solids.model import APPLICATION, Mesh, Model, Text, mesh_as_read, rows
 from scaffold_geometry.files.solids.readers import reading
 from scaffold_pipeline.errors import StageError
@@ -87,26 +84,7 @@ def read_by_lib3mf(path: Path) -> Mesh:
     mesh = objects.GetCurrentMeshObject()
     if not mesh.IsManifoldAndOriented():
         raise StageError("must be manifold and oriented, but lib3mf says it is not; write what intersect_outer makes")
-    return mesh_as_read(*_arrays(mesh))
-
-
-def _arrays(mesh: Any) -> tuple[Singles, NDArray[np.uint32]]:  # noqa: ANN401 - lib3mf ships no types
-    """Return the vertices and faces of lib3mf's mesh, filled by its C functions.
-
-    Its Python functions create an object for every vertex and triangle, gigabytes for a fine solid.
-    """
-    import lib3mf
-
-    wrapper = lib3mf.get_wrapper()
-    vertices = np.empty((mesh.GetVertexCount(), 3), np.float32)
-    faces = np.empty((mesh.GetTriangleCount(), 3), np.uint32)
-    for function, values, item in (
-        (wrapper.lib.lib3mf_meshobject_getvertices, vertices, lib3mf.Position),
-        (wrapper.lib.lib3mf_meshobject_gettriangleindices, faces, lib3mf.Triangle),
-    ):
-        size, pointer = ctypes.c_uint64(len(values)), values.ctypes.data_as(ctypes.POINTER(item))
-        wrapper.checkError(mesh, function(mesh._handle, size, ctypes.c_uint64(), pointer))  # noqa: SLF001 - see above
-    return vertices, faces
+    return mesh_as_read(*mesh_arrays(mesh))
 
 
 def read_by_expat(path: Path) -> Mesh:

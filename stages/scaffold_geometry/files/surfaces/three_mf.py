@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_geometry.arrays import Floats, Ints
+from scaffold_geometry.files.lib3mf_meshes import mesh_arrays
 from scaffold_geometry.files.surfaces.package import require_readable, with_content_types
 from scaffold_geometry.files.surfaces.polygons import Polygons, of_triangles
 from scaffold_geometry.files.surfaces.transforms import Placed, join_placed
@@ -138,7 +139,8 @@ class _Build:
         number = mesh.GetUniqueResourceID()
         if number not in self._meshes:
             self._require_plain(mesh)
-            self._meshes[number] = mesh_arrays(mesh)
+            vertices, faces = mesh_arrays(mesh)
+            self._meshes[number] = vertices.astype(np.float64), faces.astype(np.int64)
         return self._meshes[number]
 
     def _require_plain(self, mesh: Any) -> None:  # noqa: ANN401
@@ -156,28 +158,6 @@ class _Build:
             key = f"{entry.GetNameSpace()}:{entry.GetName()}".rpartition("/")[2]
             if key.endswith(tuple(of.partition(":")[2] for of in _NO_MODEL_VOLUMES)) and entry.GetValue() == "True":
                 raise StageError(f"{name} is not a separate body for the slicer ({entry.GetName()}); remove it there")
-
-
-def mesh_arrays(mesh: Any) -> tuple[Floats, Ints]:  # noqa: ANN401
-    """Return the vertices and faces of lib3mf's mesh, filled by its C functions.
-
-    Its Python functions create an object for every vertex and triangle, gigabytes for a fine solid.
-    """
-    import ctypes
-
-    import lib3mf
-
-    wrapper = lib3mf.get_wrapper()
-    vertices = np.empty((mesh.GetVertexCount(), 3), np.float32)
-    faces = np.empty((mesh.GetTriangleCount(), 3), np.uint32)
-    for function, values, item in (
-        (wrapper.lib.lib3mf_meshobject_getvertices, vertices, lib3mf.Position),
-        (wrapper.lib.lib3mf_meshobject_gettriangleindices, faces, lib3mf.Triangle),
-    ):
-        if len(values):
-            size, pointer = ctypes.c_uint64(len(values)), values.ctypes.data_as(ctypes.POINTER(item))
-            wrapper.checkError(mesh, function(mesh._handle, size, ctypes.c_uint64(), pointer))  # noqa: SLF001 - see above
-    return vertices.astype(np.float64), faces.astype(np.int64)
 
 
 def _matrix(transform: Any) -> Floats:  # noqa: ANN401

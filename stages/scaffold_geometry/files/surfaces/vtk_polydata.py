@@ -17,7 +17,7 @@ from scaffold_geometry.files.vtk_reading import (
     first_complaint,
     ghost_types,
     space_of,
-    without_mark,
+    update_reader,
 )
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
@@ -36,17 +36,12 @@ def read_vtk_polydata(path: Path) -> Polygons:
 def vtk_polygons(*, path: str) -> dict[str, NDArray[Any]]:
     """Return `vertices`, `corners` and `sizes` of the PolyData file `path`; for the child process."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkIOLegacy import vtkPolyDataReader
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
-    window = vtkStringOutputWindow()
-    vtkOutputWindow.SetInstance(window)
     reader = vtkXMLPolyDataReader() if path.lower().endswith(".vtp") else vtkPolyDataReader()
-    reader.SetFileName(without_mark(path))
-    reader.Update()
-    complaint = window.GetOutput()
-    if "error" in str(complaint).lower():
+    complaint = update_reader(reader, path)
+    if "error" in complaint.lower():
         # After an error VTK still returns a part of the surface.
         raise StageError(f"VTK says: {first_complaint(complaint)}")
     surface = reader.GetOutput()

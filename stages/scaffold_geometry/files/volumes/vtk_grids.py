@@ -16,7 +16,7 @@ from scaffold_geometry.files.vtk_reading import (
     first_complaint,
     ghost_types,
     space_of,
-    without_mark,
+    update_reader,
 )
 from scaffold_pipeline.errors import StageError
 from scaffold_pipeline.processes.isolation import call_in_child
@@ -84,16 +84,11 @@ def _block(number: int, size: int, nodes: NDArray[np.int64], starts: NDArray[np.
 def vtk_grid(*, path: str) -> dict[str, NDArray[Any]]:
     """Return `points` (n, 3), `types` (m,), `offsets` (m + 1,) and `nodes` of a file; runs in a child process."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
-    from vtkmodules.vtkCommonCore import vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkIOLegacy import vtkDataSetReader
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
 
-    window = vtkStringOutputWindow()
-    vtkOutputWindow.SetInstance(window)
     reader = vtkXMLUnstructuredGridReader() if path.lower().endswith(".vtu") else vtkDataSetReader()
-    reader.SetFileName(without_mark(path))
-    reader.Update()
-    complaint = str(window.GetOutput())
+    complaint = update_reader(reader, path)
     if "error" in complaint.lower():  # VTK then returns the part of the cells that it could read
         raise StageError(f"VTK reports: {first_complaint(complaint)}")
     grid = reader.GetOutput()
