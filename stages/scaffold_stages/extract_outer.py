@@ -7,13 +7,13 @@ from typing import Literal
 import numpy as np
 
 from scaffold_geometry.arrays import Floats, Ints
-from scaffold_geometry.surfaces import self_intersections, triangles
+from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.repair import vertex_splitting
+from scaffold_geometry.surfaces.self_intersections import require_no_self_intersections
 from scaffold_geometry.volumes import cells, lattices
 from scaffold_geometry.volumes.boundary import boundary_triangles
 from scaffold_pipeline.artifacts import Fact, Metric, OuterShape, VolumeMesh
 from scaffold_pipeline.errors import StageError, warn
-from scaffold_pipeline.processes.isolation import call_in_child
 from scaffold_pipeline.stages.contract import Params, stage
 
 _REPAIR = "repair the mesh in the program that made it, or load its surface with load_surface and use tetrahedralise"
@@ -61,7 +61,8 @@ def extract_outer(mesh: VolumeMesh, *, params: ExtractOuterParams) -> OuterShape
     vertices, surface = triangles.drop_unreferenced(mesh.vertices, surface)
     facts: dict[str, Fact] = {}
     vertices, surface = _split_touching(vertices, surface, params, notes, facts)
-    _require_no_self_intersection(vertices, surface)
+    about = f"the search for self-intersections of the mesh's boundary failed: {_REPAIR}"
+    require_no_self_intersections(vertices, surface, "mesh: its boundary", _REPAIR, about)
     outer = OuterShape(vertices, surface)
     bent = facts["boundary_volume_difference"] = outer.volume / mesh.volume - 1.0
     if abs(bent) > _BENT and len(faces.quadrangles):
@@ -123,19 +124,3 @@ def _split_touching(
     }
     warn(f"the outer shape is {note}")
     return split.vertices, split.faces
-
-
-def _require_no_self_intersection(vertices: Floats, surface: Ints) -> None:
-    crossing = call_in_child(
-        self_intersections.find_self_intersections,
-        {"vertices": vertices, "faces": surface},
-        {},
-        seconds=60.0 + len(surface) / 5_000,  # exact arithmetic; millions of sound triangles take seconds
-        about=f"the search for self-intersections of the mesh's boundary failed: {_REPAIR}",
-    )["faces"]
-    if len(crossing):
-        at = vertices[surface[crossing[0]]].mean(axis=0)
-        raise StageError(
-            f"mesh: its boundary intersects itself: {len(crossing)} triangles intersect others "
-            f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {_REPAIR}"
-        )

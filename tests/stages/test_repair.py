@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import scaffold_geometry.surfaces.repair.modes as repair_module
-import scaffold_geometry.surfaces.repair.outer_shape as outer_shape_module
-from scaffold_geometry.surfaces import triangles
+from scaffold_geometry.surfaces import self_intersections, triangles
 from scaffold_geometry.surfaces.repair import displacement, hole_triangulation, holes
 from scaffold_geometry.surfaces.repair.log import TURNED, RepairLog
 from scaffold_pipeline.artifacts import OuterShape
@@ -48,7 +47,7 @@ def _in_this_process(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureReq
         except StageError as error:
             raise StageError(f"{error}; {about}") from error
 
-    for module in (outer_shape_module, repair_module):
+    for module in (self_intersections, repair_module):
         monkeypatch.setattr(module, "call_in_child", call)
 
 
@@ -359,7 +358,7 @@ def test_what_cannot_be_cut_in_time_is_rebuilt_on_a_grid(monkeypatch: pytest.Mon
 
 @pytest.mark.usefixtures("in_children")
 def test_a_failure_in_the_child_names_the_file_and_the_remedy(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setattr(outer_shape_module.self_intersections, "find_self_intersections", os._exit)
+    monkeypatch.setattr(self_intersections, "find_self_intersections", os._exit)
     with pytest.raises(StageError, match=r"planted\.obj could not be searched.*set `repair: rebuild`"):
         loaded(tmp_path, CUBE)
 

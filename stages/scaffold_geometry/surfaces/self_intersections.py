@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaffold_geometry.arrays import Bools, Floats, Ints
-from scaffold_pipeline.processes.isolation import Arrays
+from scaffold_pipeline.errors import StageError
+from scaffold_pipeline.processes.isolation import Arrays, call_in_child
 
 _FINEST = 2.0**-200
 """Share of the greatest coordinate below which one is set to 0, so that products of the others are exact."""
@@ -36,6 +37,26 @@ def degenerate_faces(vertices: NDArray[np.floating], faces: NDArray[np.integer])
     from scaffold_geometry.surfaces.triangle_pairs import collinear_faces
 
     return collinear_faces(_scale(vertices), np.ascontiguousarray(faces, np.int64))
+
+
+def require_no_self_intersections(vertices: Floats, faces: Ints, subject: str, remedy: str, about: str) -> None:
+    """Require that a surface does not intersect or overlap itself, by a search in a child process.
+
+    Raises `StageError`: "`subject` intersects itself", with a place and the `remedy`, or `about` if the search fails.
+    """
+    crossing = call_in_child(
+        find_self_intersections,
+        {"vertices": vertices, "faces": faces},
+        {},
+        seconds=60.0 + len(faces) / 5_000,  # exact arithmetic; millions of sound triangles take seconds
+        about=about,
+    )["faces"]
+    if len(crossing):
+        at = vertices[faces[crossing[0]]].mean(axis=0)
+        raise StageError(
+            f"{subject} intersects itself: {len(crossing)} triangles intersect others "
+            f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {remedy}"
+        )
 
 
 def find_self_intersections(vertices: Floats, faces: Ints) -> Arrays:

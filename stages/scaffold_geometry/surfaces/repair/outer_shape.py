@@ -10,13 +10,13 @@ from typing import Literal
 import numpy as np
 
 from scaffold_geometry.arrays import Bools, Floats, Ints
-from scaffold_geometry.surfaces import self_intersections, triangles
+from scaffold_geometry.surfaces import triangles
 from scaffold_geometry.surfaces.edges import Surface
 from scaffold_geometry.surfaces.repair import displacement, mend, modes
 from scaffold_geometry.surfaces.repair.log import DOUBLE, MERGED, TURNED, TWICE, RepairLog, RepairOp
+from scaffold_geometry.surfaces.self_intersections import require_no_self_intersections
 from scaffold_pipeline.artifacts import OuterShape
 from scaffold_pipeline.errors import StageError, warn
-from scaffold_pipeline.processes.isolation import call_in_child
 
 _BY_HAND = "repair it, for instance in MeshLab or Blender, and load it again"
 _REMEDIES = {
@@ -75,7 +75,9 @@ def make_outer_shape(vertices: Floats, faces: Ints, rules: RepairRules, notes: I
     _require_volume(vertices, faces, pieces, rules)
     if rules.repair != "none":
         _require_near(read, whole, (vertices, faces), rules, log)
-    _require_no_crossing(vertices, faces, rules)
+    remedy = _REMEDIES[rules.repair]
+    about = f"{rules.name} could not be searched for self-intersections: {remedy}"
+    require_no_self_intersections(vertices, faces, rules.name + ":", remedy, about)
     faces = _outward(vertices, faces, pieces, rules, log)
     facts = {f"repair_{name}": fact for name, fact in log.facts.items()}
     return OuterShape(vertices=vertices, faces=faces, notes=tuple(log.notes), facts=facts)
@@ -285,22 +287,4 @@ def _require_volume(vertices: Floats, faces: Ints, pieces: Ints, rules: RepairRu
         raise StageError(
             f"{rules.name}: encloses no volume: {flat} of {len(volumes)} pieces are flat "
             f"({triangles.size_in_words(vertices, faces)} mm); load a surface that bounds a body"
-        )
-
-
-def _require_no_crossing(vertices: Floats, faces: Ints, rules: RepairRules) -> None:
-    """Require that a surface does not intersect or overlap itself."""
-    name, remedy = rules.name, _REMEDIES[rules.repair]
-    found = call_in_child(
-        self_intersections.find_self_intersections,
-        {"vertices": vertices, "faces": faces},
-        {},
-        seconds=60.0 + len(faces) / 5_000,  # exact arithmetic; millions of sound triangles take seconds
-        about=f"{name} could not be searched for self-intersections: {remedy}",
-    )["faces"]
-    if len(found):
-        at = vertices[faces[found[0]]].mean(axis=0)
-        raise StageError(
-            f"{name}: intersects itself: {len(found)} triangles intersect others "
-            f"(one at {at[0]:.4g}, {at[1]:.4g}, {at[2]:.4g} mm); {remedy}"
         )
