@@ -102,6 +102,15 @@ def with_double_wall():
     return triangles.merge_coincident(*together(CUBE, box((4.0, 0.0, 0.0), (8.0, 4.0, 4.0))))
 
 
+def with_stray_beside_a_hole():
+    """The ball with a hole and one triangle between the hole's rim and an edge beside it, which then has three."""
+    vertices, faces = BALL
+    a, b = faces[0, :2]
+    beside = faces[1:][np.isin(faces[1:], [a]).any(axis=1)]
+    across = next(x for x in np.unique(beside) if x not in (a, b) and not np.isin(faces, [b, x]).sum(axis=1).max() > 1)
+    return vertices, np.vstack([faces[1:], [a, b, across]])
+
+
 def with_loose_corners():
     """The ball as separate triangles, whose corners differ by a rounding."""
     vertices, faces = BALL
@@ -151,6 +160,12 @@ MENDED = {
     "a crack beside a vertex on an edge": (with_crack(), "is open", "split 1 triangles at vertices on", 64.0),
     "corners apart by a rounding": (with_loose_corners(), "is open", "merged", volume_of(BALL)),
     "a fin at an edge": (with_fin(), "1 edges have more than two", "dropped 1 triangles of fins", 64.0),
+    "a stray triangle beside a hole": (
+        with_stray_beside_a_hole(),
+        "is open",
+        "dropped 1 triangles of fins",
+        volume_of(BALL),
+    ),
     "a wall inside": (with_wall(), "4 edges have more than two", "dropped 2 triangles of internal walls", 128.0),
     "a wall there both ways": (with_double_wall(), "4 edges have more", "dropped 4 triangles of walls present", 128.0),
     "two bodies at one edge": (touching_at_an_edge(), "1 edges have more than two", "split 1 edges", 128.0),

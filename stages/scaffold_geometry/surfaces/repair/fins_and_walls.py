@@ -17,6 +17,9 @@ _INSIDE = 0.5
 _LOOKED_AT = 50
 """Faces of a patch at which the winding number is evaluated."""
 
+_DOMINANT = 0.5
+"""Share of the area of its connected piece above which a patch is the surface itself, and no fin or wall of it."""
+
 _FIN = RepairOp("fin_triangles_dropped", "dropped {} triangles of fins attached to the surface by an edge")
 _WALL = RepairOp("wall_triangles_dropped", "dropped {} triangles of internal walls")
 
@@ -54,11 +57,44 @@ def _superfluous(vertices: Floats, faces: Ints, edges: Edges, labels: Ints, done
         taken[patch.rim] = True
         gone |= is_of_patch
         done[_FIN if patch.is_open else _WALL] += int(is_of_patch.sum())
+    strays = _find_strays(vertices, faces, edges, labels, taken)
+    done[_FIN] += len(strays)
+    gone[strays] = True
     return gone
 
 
+def _find_strays(vertices: Floats, faces: Ints, edges: Edges, labels: Ints, taken: Bools) -> Ints:
+    """Return one face for each edge with an odd number of faces of a single patch, (k,); not at edges `taken`.
+
+    A face that is attached along the rim of a hole too belongs to the patch, and can only be told apart by itself.
+    """
+    is_odd = (edges.uses > MANIFOLD) & (edges.uses % 2 == 1) & ~taken
+    half_edges = np.flatnonzero(is_odd[edges.of])
+    half_edges = half_edges[np.argsort(edges.of[half_edges], kind="stable")]
+    starts = np.flatnonzero(np.diff(edges.of[half_edges], prepend=-1))
+    strays: set[int] = set()
+    for around in np.split(half_edges, starts[1:]) if len(starts) else []:
+        own = around // 3
+        if (labels[own] == labels[own[0]]).all() and not strays & set(own.tolist()):
+            strays.add(int(own[_find_loosest(vertices, faces, edges, around)]))
+    return np.array(sorted(strays), np.int64)
+
+
+def _find_loosest(vertices: Floats, faces: Ints, edges: Edges, around: Ints) -> int:
+    """Return which of the half-edges of one edge is that of the face with the fewest neighbours, then most aslant."""
+    own = around // 3
+    free = (edges.uses[edges.of.reshape(-1, 3)[own]] != MANIFOLD).sum(axis=1)
+    start, end = vertices[edges.ends[edges.of[around[0]]]]
+    axis = (end - start) / np.linalg.norm(end - start)
+    arms = vertices[faces[own, (around + 2) % 3]] - start
+    arms -= (arms @ axis)[:, None] * axis
+    arms /= np.maximum(np.linalg.norm(arms, axis=1, keepdims=True), np.finfo(float).tiny)
+    flush = (arms @ arms.T).min(axis=1)  # -1 if another face continues this one
+    return int(np.lexsort([flush, free])[-1])
+
+
 def _candidates(vertices: Floats, faces: Ints, edges: Edges, labels: Ints) -> list[_Patch]:
-    """Return the patches whose removal would give each of their edges an even number of faces."""
+    """Return the patches whose removal would give each of their edges an even number of faces, no dominant one."""
     owner = np.repeat(labels, 3)
     crowded = edges.uses[edges.of] > MANIFOLD
     rims, shares = np.unique(np.column_stack([owner, edges.of])[crowded], axis=0, return_counts=True)
@@ -67,7 +103,11 @@ def _candidates(vertices: Floats, faces: Ints, edges: Edges, labels: Ints) -> li
     spoilt[rims[~is_good, 0]] = True
     is_open = np.zeros_like(spoilt)
     is_open[owner[edges.uses[edges.of] == 1]] = True
-    areas = np.bincount(labels, weights=triangles.face_areas(vertices, faces))
+    face_areas, pieces = triangles.face_areas(vertices, faces), triangles.face_pieces(faces)
+    areas = np.bincount(labels, weights=face_areas)
+    whole = np.zeros_like(areas)
+    whole[labels] = np.bincount(pieces, weights=face_areas)[pieces]
+    spoilt |= areas > _DOMINANT * whole
     return [
         _Patch(int(number), float(areas[number]), bool(is_open[number]), rims[rims[:, 0] == number, 1])
         for number in np.unique(rims[:, 0])
