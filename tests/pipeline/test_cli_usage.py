@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -182,4 +183,31 @@ def test_the_module_is_the_command_and_a_reader_that_stops_is_no_fault():
         assert process.stderr is not None
         process.stdout.close()
         assert process.stderr.read() == ""
-    assert process.returncode == 1
+    assert process.returncode == 0
+
+
+def _exit_code(arguments: list[str], redirection: str) -> int:
+    """Run the command in a shell with its streams redirected."""
+    words = [sys.executable, "-m", "scaffold_pipeline", *arguments]
+    return subprocess.run(["sh", "-c", f'"$@" {redirection}', "sh", *words], check=False).returncode
+
+
+@pytest.mark.parametrize("redirection", [">&-", "2>&-", ">&- 2>&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("quiet", [[], ["--quiet"]])
+def test_a_closed_stream_fails_no_run(project: Project, quiet: list[str], redirection: str):
+    config = project.write(SOUND)
+    assert _exit_code(["run", str(config), "--out", "closed", *quiet], redirection) == 0
+    assert Path("closed/metrics.json").is_file()
+    assert _exit_code(["validate", str(project.write(WRONG))], redirection) == 2
+
+
+@pytest.mark.parametrize("both", [False, True], ids=["standard output", "and standard error"])
+def test_a_reader_that_has_gone_fails_no_run(project: Project, *, both: bool):
+    config = project.write(SOUND)
+    reading, writing = os.pipe()
+    os.close(reading)
+    words = [sys.executable, "-m", "scaffold_pipeline", "run", str(config), "--out", "unread"]
+    done = subprocess.run(words, stdout=writing, stderr=writing if both else None, check=False)
+    os.close(writing)
+    assert done.returncode == 0
+    assert Path("unread/metrics.json").is_file()

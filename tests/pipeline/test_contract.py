@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
@@ -218,3 +219,10 @@ def test_the_check_refuses_parameters_without_a_schema(install: Callable[..., No
     )
     with pytest.raises(StageDefinitionError, match="Schemaless has no JSON schema"):
         check_stage("schemaless")
+
+
+def test_a_pipe_or_a_device_is_named_as_what_it_is(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe.stl")
+    for path in (tmp_path / "pipe.stl", Path(os.devnull)):
+        with pytest.raises(ValidationError, match=rf"must be a file, but {path} is a pipe or a device; write"):
+            ShapeParams(source=path)

@@ -5,7 +5,6 @@ A module that only one command needs is imported inside that command, so that `-
 
 from __future__ import annotations
 
-import os
 import sys
 import traceback
 from dataclasses import asdict
@@ -28,6 +27,7 @@ from scaffold_pipeline.cli.options import (
     select_cache,
 )
 from scaffold_pipeline.cli.provenance import crate, report, verify
+from scaffold_pipeline.cli.streams import keep_streams_open
 from scaffold_pipeline.cli.study import cache, study
 from scaffold_pipeline.errors import lines_and_code
 from scaffold_pipeline.processes.threads import use_one_blas_thread
@@ -251,15 +251,14 @@ app.command(crate)
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code; every failure is one line on standard error."""
     use_one_blas_thread()
+    if arguments is None:
+        keep_streams_open()
     tokens = list(sys.argv[1:] if arguments is None else arguments)
     debug = _DEBUG in tokens
     tokens = [token for token in tokens if token != _DEBUG]
     try:
         code = int(app(tokens, exit_on_error=False, print_error=False) or 0)
         sys.stdout.flush()
-    except BrokenPipeError:  # the reader has stopped, as `| head` does
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
     except KeyboardInterrupt:
         return _fail("interrupted; finished stages are kept: the same command continues", INTERRUPTED, tokens)
     except Exception as error:  # noqa: BLE001 - a user sees a line, not a traceback

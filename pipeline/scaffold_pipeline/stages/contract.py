@@ -82,11 +82,13 @@ def _resolve_input_file(path: Path, info: ValidationInfo) -> Path:
     base = (info.context or {}).get("base")
     try:
         resolved = Path(base or Path(), path.expanduser()).resolve()
-        is_directory, is_file = resolved.is_dir(), resolved.is_file()
+        is_directory, is_file, is_there = resolved.is_dir(), resolved.is_file(), resolved.exists()
     except (OSError, RuntimeError) as error:  # a name too long for the system, or an unknown `~user`
         raise ValueError(f"cannot be a file's path: {error}") from error
     if is_directory:
         raise ValueError(f"must be a file, but {resolved} is a directory")
+    if is_there and not is_file:
+        raise ValueError(f"must be a file, but {resolved} is a pipe or a device; write what it gives to a file first")
     if not is_file:
         remedy = "; paths in a config are relative to the config" if base else ""
         raise ValueError(f"no such file: {resolved}{remedy}")
